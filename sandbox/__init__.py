@@ -1,0 +1,53 @@
+"""A real-time soft-body sandbox on Taichi.
+
+>>> import sandbox
+>>> scene = sandbox.load_scene("jelly", overrides={"solver.dt": 1e-3})
+>>> simulation = sandbox.Simulation(scene)
+>>> simulation.advance(0.5)
+
+Names are imported when they are first used, so that ``import sandbox`` is quick and starts nothing.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from sandbox.diagnostics import Energy, Measurement
+    from sandbox.errors import DivergedError, RuntimeUnavailableError, SandboxError, SceneError
+    from sandbox.run import RunOptions, Summary, run
+    from sandbox.scene.load import json_schema, load_scene, preset_paths, to_toml
+    from sandbox.scene.model import Scene
+    from sandbox.simulation import Simulation, StabilityWarning
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "DivergedError": "sandbox.errors",
+    "Energy": "sandbox.diagnostics",
+    "Measurement": "sandbox.diagnostics",
+    "RunOptions": "sandbox.run",
+    "RuntimeUnavailableError": "sandbox.errors",
+    "SandboxError": "sandbox.errors",
+    "Scene": "sandbox.scene.model",
+    "SceneError": "sandbox.errors",
+    "Simulation": "sandbox.simulation",
+    "StabilityWarning": "sandbox.simulation",
+    "Summary": "sandbox.run",
+    "json_schema": "sandbox.scene.load",
+    "load_scene": "sandbox.scene.load",
+    "preset_paths": "sandbox.scene.load",
+    "run": "sandbox.run",
+    "to_toml": "sandbox.scene.load",
+}
+
+__all__ = ["__version__", *_HOMES]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'sandbox' has no attribute {name!r}")
+    return getattr(import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,79 @@
+"""What a surface does to the velocity of a particle that meets it: restitution and Coulomb friction.
+
+Normal: v_n -> -e v_n. Tangent: slowed by at most mu times the normal impulse, (1 + e) |v_n| a unit of
+mass, and never reversed. A particle that already leaves keeps its velocity.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+import taichi as ti
+
+from sandbox import runtime
+from sandbox.scene.assemble import Assembly, ContactPair
+from sandbox.state import place
+
+_SLOWEST = 1e-12
+"""Speed below which a direction is not worth a division [m/s]."""
+
+
+@ti.func
+def bounce(v, normal, restitution):
+    """Velocity after meeting a surface without friction."""
+    into = ti.min(v.dot(normal), 0.0)
+    return v - (1.0 + restitution) * into * normal
+
+
+@ti.func
+def rub(v, normal, restitution, friction):
+    """What friction takes from the velocity ``v`` that met the surface."""
+    into = ti.min(v.dot(normal), 0.0)
+    tangent = v - v.dot(normal) * normal
+    speed = tangent.norm()
+    slowed = ti.min(-friction * (1.0 + restitution) * into, speed)
+    return slowed * tangent / ti.max(speed, _SLOWEST)
+
+
+@ti.data_oriented
+class UniformSurface:
+    """The same restitution and friction for every body, known when kernels compile."""
+
+    def __init__(self, pair: ContactPair) -> None:
+        self.restitution = pair.restitution
+        self.friction = pair.friction
+
+    def load(self, assembly: Assembly) -> None:
+        """Nothing to upload."""
+
+    @ti.func
+    def respond(self, i, v, normal):
+        after = bounce(v, normal, self.restitution)
+        if ti.static(self.friction > 0.0):
+            after -= rub(v, normal, self.restitution, self.friction)
+        return after
+
+
+@ti.data_oriented
+class BodySurfaces:
+    """Restitution and friction that depend on the body: one number of each a particle."""
+
+    def __init__(self, builder: ti.FieldsBuilder, assembly: Assembly, pairs: Sequence[ContactPair]) -> None:
+        self.pairs = pairs
+        self.restitution = place(builder, ti.field(runtime.real()), assembly.particle_count)
+        self.friction = place(builder, ti.field(runtime.real()), assembly.particle_count)
+
+    def load(self, assembly: Assembly) -> None:
+        restitution = np.array([pair.restitution for pair in self.pairs])
+        friction = np.array([pair.friction for pair in self.pairs])
+        self._write(restitution[assembly.particle_body], friction[assembly.particle_body])
+
+    @ti.kernel
+    def _write(self, restitution: ti.types.ndarray(), friction: ti.types.ndarray()):
+        for i in range(restitution.shape[0]):
+            self.restitution[i] = restitution[i]
+            self.friction[i] = friction[i]
+
+    @ti.func
+    def respond(self, i, v, normal):
+        after = bounce(v, normal, self.restitution[i])
+        return after - rub(v, normal, self.restitution[i], self.friction[i])

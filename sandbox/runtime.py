@@ -1,0 +1,141 @@
+"""The only place that starts Taichi: architecture, precision, threads, log level.
+
+Starting Taichi anew kills every field, so whoever owns fields registers here and is told to save
+itself first (:func:`register`). Types for fields come from here too, so that one precision truly
+reaches every field and kernel.
+"""
+
+import contextlib
+import io
+import os
+import weakref
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+# Read by Taichi when it is imported, which prints a banner otherwise.
+os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "False")
+
+import taichi as ti
+
+from sandbox.errors import RuntimeUnavailableError
+
+ARCHITECTURES = ("cpu", "cuda", "vulkan", "metal")
+# These variables would silently overrule what start() is asked for.
+_OVERRULING = ("TI_ARCH", "TI_DEFAULT_FP", "TI_CPU_MAX_NUM_THREADS", "TI_FAST_MATH")
+
+
+class Suspendable(Protocol):
+    """An owner of fields that can let go of them and build them again later."""
+
+    def suspend(self) -> None: ...
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What Taichi was started with."""
+
+    arch: str
+    precision: str
+    threads: int | None
+    verbose: bool
+
+
+_MOST_TREES = 480
+
+_current: Settings | None = None
+_trees = 0
+_owners: "weakref.WeakSet[Any]" = weakref.WeakSet()
+
+
+def start(arch: str = "cpu", precision: str = "f32", threads: int | None = None, verbose: bool = False) -> None:
+    """Start Taichi, unless it runs with just these settings already.
+
+    ``precision`` is "f32" or "f64"; ``threads`` None means all cores. Raises RuntimeUnavailableError
+    where the architecture or the precision is not there.
+    """
+    global _current
+    wanted = Settings(arch, precision, threads, verbose)
+    if wanted == _current:
+        return
+    _check(wanted)
+    _stop()
+    _initialise(wanted)
+    _current = wanted
+
+
+def _stop() -> None:
+    global _current, _trees
+    for owner in list(_owners):
+        owner.suspend()
+    _owners.clear()
+    _current, _trees = None, 0
+
+
+def settings() -> Settings:
+    """What Taichi was last started with. Starts it with the defaults if need be."""
+    if _current is None:
+        start()
+    assert _current is not None
+    return _current
+
+
+def register(owner: Suspendable) -> None:
+    """Have ``owner.suspend()`` called before Taichi is started anew."""
+    _owners.add(owner)
+
+
+def fields_builder() -> ti.FieldsBuilder:
+    """A new tree of fields. Taichi has room for 512 trees and never takes one back by itself."""
+    global _trees
+    if _trees >= _MOST_TREES:
+        wanted = settings()
+        _stop()
+        start(**vars(wanted))
+    _trees += 1
+    return ti.FieldsBuilder()
+
+
+def real() -> Any:
+    """Taichi's scalar type of the current precision."""
+    return ti.f64 if settings().precision == "f64" else ti.f32
+
+
+def vector(dimension: int) -> Any:
+    """Taichi's vector type of the current precision."""
+    return ti.types.vector(dimension, real())
+
+
+def _check(wanted: Settings) -> None:
+    if wanted.arch not in ARCHITECTURES:
+        raise RuntimeUnavailableError(f"arch {wanted.arch!r}: must be one of {', '.join(ARCHITECTURES)}")
+    if wanted.precision not in ("f32", "f64"):
+        raise RuntimeUnavailableError(f"precision {wanted.precision!r}: must be f32 or f64")
+    if wanted.threads is not None and wanted.threads < 1:
+        raise RuntimeUnavailableError(f"threads {wanted.threads}: must be at least 1")
+    if wanted.arch == "metal" and wanted.precision == "f64":
+        raise RuntimeUnavailableError("precision f64: metal has no double precision; use f32 or --arch cpu")
+    if wanted.arch != "cpu" and not ti.lang.misc.is_arch_supported(getattr(ti, wanted.arch)):
+        raise RuntimeUnavailableError(
+            f"arch {wanted.arch!r}: not available on this machine (no device or no driver); use --arch cpu"
+        )
+
+
+def _initialise(wanted: Settings) -> None:
+    options: dict[str, Any] = {
+        "arch": getattr(ti, wanted.arch),
+        "default_fp": ti.f64 if wanted.precision == "f64" else ti.f32,
+        "log_level": ti.INFO if wanted.verbose else ti.ERROR,
+        "random_seed": 0,
+    }
+    if wanted.threads is not None:
+        options["cpu_max_num_threads"] = wanted.threads
+    hidden = {name: os.environ.pop(name) for name in _OVERRULING if name in os.environ}
+    # Taichi prints one line to standard output whatever its log level.
+    quiet = contextlib.nullcontext() if wanted.verbose else contextlib.redirect_stdout(io.StringIO())
+    try:
+        with quiet:
+            ti.init(**options, verbose=wanted.verbose, enable_fallback=False)
+    except RuntimeError as error:
+        raise RuntimeUnavailableError(f"arch {wanted.arch!r}: could not be started: {error}; use --arch cpu") from None
+    finally:
+        os.environ.update(hidden)

@@ -1,0 +1,269 @@
+"""From a preset's name, a path or plain data to a :class:`Scene`; dotted overrides; one-line errors."""
+
+import copy
+import difflib
+import json
+import os
+import re
+import tomllib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+from pydantic import BaseModel, ValidationError
+
+from sandbox.errors import SceneError
+from sandbox.scene import model
+from sandbox.scene.model import Scene
+
+_INDEX = re.compile(r"\[(\d+)\]")
+_PACKAGE = Path(__file__).resolve().parent.parent
+# In a wheel the scenes lie inside the package, in a checkout beside it.
+_PRESET_FOLDERS = (_PACKAGE / "scenes", _PACKAGE.parent / "scenes")
+
+# What pydantic calls the mistake -> what the user is told. `got` is the input, shortened.
+_MESSAGES = {
+    "greater_than": "must be > {gt:g}, got {got}",
+    "greater_than_equal": "must be >= {ge:g}, got {got}",
+    "less_than": "must be < {lt:g}, got {got}",
+    "less_than_equal": "must be <= {le:g}, got {got}",
+    "missing": "is required",
+    "float_type": "must be a number, got {got}",
+    "int_type": "must be a whole number, got {got}",
+    "bool_type": "must be true or false, got {got}",
+    "string_type": "must be text, got {got}",
+    "tuple_type": "must be a list, got {got}",
+    "model_type": "must be a table, got {got}",
+    "model_attributes_type": "must be a table, got {got}",
+    "dict_type": "must be a table, got {got}",
+    "finite_number": "must be a finite number, got {got}",
+    "too_short": "must have at least {min_length} entries, got {actual_length}",
+    "too_long": "must have at most {max_length} entries, got {actual_length}",
+    "string_too_short": "must not be empty",
+    "string_pattern_mismatch": "must look like {pattern}, got {got}",
+    "enum": "must be {expected}, got {got}",
+    "literal_error": "must be {expected}, got {got}",
+    "union_tag_not_found": "needs a {discriminator}",
+    "union_tag_invalid": "kind must be one of {expected_tags}, got {tag!r}",
+}
+
+
+def preset_paths() -> dict[str, Path]:
+    """Every preset that ships with the sandbox: name -> file, sorted by name."""
+    for folder in _PRESET_FOLDERS:
+        if folder.is_dir():
+            return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+    return {}
+
+
+def load_scene(source: str | os.PathLike[str], overrides: Mapping[str, Any] | None = None) -> Scene:
+    """The scene of a preset's name or of a TOML file's path.
+
+    ``overrides`` maps dotted keys to values, e.g. ``{"solver.dt": 1e-4, "bodies.0.material.stiffness": 50.0}``.
+    Raises SceneError, with one line that says where the mistake is.
+    """
+    path = find_scene(source)
+    return scene_from_data(read_toml(path), overrides, source=str(source))
+
+
+def find_scene(source: str | os.PathLike[str]) -> Path:
+    """The file of a preset's name or path. Raises SceneError that suggests the nearest preset."""
+    text = os.fspath(source)
+    presets = preset_paths()
+    if text in presets:
+        return presets[text]
+    if text.endswith(".toml") or os.sep in text or Path(text).exists():
+        return Path(text)
+    near = difflib.get_close_matches(text, presets, n=1, cutoff=0.4)
+    hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(presets)}"
+    raise SceneError(f"{text}: no such preset or file; {hint}")
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The data of a TOML file. Raises SceneError where it cannot be read or is not TOML."""
+    try:
+        return tomllib.loads(path.read_bytes().decode("utf-8"))
+    except OSError as error:
+        raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError as error:
+        raise SceneError(f"{path}: is not TOML: not UTF-8 text at byte {error.start}") from None
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise SceneError(f"{path}: is not TOML: {error}") from None
+
+
+def scene_from_data(data: Mapping[str, Any], overrides: Mapping[str, Any] | None, source: str = "scene") -> Scene:
+    """A validated scene from plain data. ``source`` begins the text of errors."""
+    data = copy.deepcopy(dict(data))
+    for key, value in (overrides or {}).items():
+        _override(data, key, value)
+    try:
+        scene = Scene.model_validate(data)
+    except ValidationError as error:
+        raise SceneError(_describe(error, data, source, tuple(overrides or ()))) from None
+    except RecursionError:
+        raise SceneError(f"{source}: is nested too deeply") from None
+    check_dimensions(scene, source)
+    return scene
+
+
+def parse_assignment(text: str) -> tuple[str, Any]:
+    """``KEY=VALUE`` of the command line -> (dotted key, value). The value is TOML; a bare word is text."""
+    key, equals, value = text.partition("=")
+    key = key.strip()
+    if not equals or not key:
+        raise SceneError(f"--set {text}: must be KEY=VALUE, such as solver.dt=1e-4")
+    try:
+        return key, tomllib.loads(f"value = {value}")["value"]
+    except (tomllib.TOMLDecodeError, RecursionError):
+        return key, value.strip()
+
+
+def to_toml(scene: Scene) -> str:
+    """The scene as TOML that :func:`load_scene` reads back to an equal scene, defaults written out."""
+    return tomli_w.dumps(scene.model_dump(mode="json", exclude_none=True))
+
+
+def json_schema() -> str:
+    """JSON Schema of a scene file, for editors."""
+    return json.dumps(Scene.model_json_schema(), indent=2)
+
+
+def _override(data: dict[str, Any], key: str, value: Any) -> None:
+    parts = _INDEX.sub(r".\1", key).split(".")
+    node: Any = data
+    for depth, part in enumerate(parts):
+        where = ".".join(parts[: depth + 1])
+        last = depth == len(parts) - 1
+        if isinstance(node, list):
+            if not part.isdigit() or int(part) >= len(node):
+                raise SceneError(f"--set {key}: {where}: there is no such entry; the list has {len(node)}")
+            part = int(part)  # type: ignore[assignment]
+        elif not isinstance(node, dict):
+            raise SceneError(f"--set {key}: {'.'.join(parts[:depth])} is not a table")
+        elif not part:
+            raise SceneError(f"--set {key}: has an empty part")
+        if last:
+            node[part] = value
+        else:
+            node = node[part] if isinstance(node, list) else node.setdefault(part, {})
+
+
+def _describe(error: ValidationError, data: Any, source: str, overridden: Iterable[str]) -> str:
+    errors = error.errors(include_url=False)
+    first = errors[0]
+    # A list with a wrong entry is called too short as well.
+    errors = [e for e in errors if e is first or e["type"] != "too_short"]
+    parts = _real_location(first["loc"], data)
+    where = _dotted(parts)
+    for key in overridden:
+        plain = _INDEX.sub(r".\1", key)
+        if ".".join(map(str, parts)).startswith(plain) or plain.startswith(".".join(map(str, parts)) + "."):
+            source = f"--set {key}"
+            break
+    more = len({_dotted(_real_location(e["loc"], data)) for e in errors}) - 1
+    tail = f" (and {more} more)" if more else ""
+    return f"{source}: {where}{': ' if where else ''}{_message(first)}{tail}"
+
+
+def _real_location(location: tuple[int | str, ...], data: Any) -> list[int | str]:
+    """Pydantic's location less the names of union members, which are not in the user's file."""
+    parts: list[int | str] = []
+    node = data
+    for part in location:
+        if isinstance(node, Mapping):
+            if part in node:
+                node = node[part]
+            elif node.get("kind") == part:
+                continue  # the tag of a discriminated union
+        elif isinstance(node, list | tuple) and isinstance(part, int) and part < len(node):
+            node = node[part]
+        else:
+            continue  # the name of a union's branch, such as "float"
+        parts.append(part)
+    return parts
+
+
+def _dotted(parts: Iterable[int | str]) -> str:
+    text = ""
+    for part in parts:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
+    return text
+
+
+def _message(error: Any) -> str:
+    kind = error["type"]
+    if kind == "extra_forbidden":
+        near = difflib.get_close_matches(str(error["loc"][-1]), _known_keys(), n=1, cutoff=0.7)
+        return "unknown key" + (f"; did you mean {near[0]}?" if near else "")
+    template = _MESSAGES.get(kind)
+    if template is None:
+        return str(error["msg"])
+    got = repr(error["input"])
+    got = got if len(got) <= 60 else got[:57] + "..."
+    return template.format(got=got, **error.get("ctx", {}))
+
+
+def _known_keys() -> list[str]:
+    keys: set[str] = set()
+    for part in vars(model).values():
+        if isinstance(part, type) and issubclass(part, BaseModel):
+            keys.update(field.alias or name for name, field in part.model_fields.items())
+    return sorted(keys)
+
+
+def check_dimensions(scene: Scene, source: str) -> None:
+    """Raises SceneError where a vector, shape or angle does not fit the scene's dimension."""
+    for where, problem in _dimension_problems(scene):
+        raise SceneError(f"{source}: {where}: {problem}")
+
+
+def _dimension_problems(scene: Scene) -> Iterable[tuple[str, str]]:
+    dimension = scene.dimension
+    for where, name, value in _walk(scene):
+        if name in _VECTOR_KEYS and isinstance(value, tuple) and len(value) != dimension:
+            yield where, f"must have {dimension} components in a {dimension}D scene, got {len(value)}"
+        if name in ("points", "velocities") and isinstance(value, tuple):
+            for row, vector in enumerate(value):
+                if len(vector) != dimension:
+                    yield (
+                        f"{where}[{row}]",
+                        f"must have {dimension} components in a {dimension}D scene, got {len(vector)}",
+                    )
+        if name in ("rotation", "angular_velocity") and value is not None:
+            if dimension == 2 and isinstance(value, tuple):
+                yield where, "must be one number in a 2D scene"
+            if dimension == 3 and not isinstance(value, tuple) and value != 0.0:
+                yield where, "must be three numbers in a 3D scene"
+    for index, body in enumerate(scene.bodies):
+        shape = body.shape
+        where = f"bodies[{index}].shape"
+        if isinstance(shape, model.Box) and len(shape.cells) != dimension:
+            yield f"{where}.cells", f"must have {dimension} entries in a {dimension}D scene, got {len(shape.cells)}"
+        if isinstance(shape, model.Sheet) and dimension == 2:
+            yield f"{where}.kind", "a sheet needs a 3D scene; in 2D use a box or a rope"
+    names = [body.name for body in scene.bodies]
+    for index, name in enumerate(names):
+        if name in names[:index]:
+            yield f"bodies[{index}].name", f"{name!r} is the name of an earlier body too"
+
+
+_VECTOR_KEYS = {
+    "gravity", "position", "velocity", "point", "normal", "size", "start", "end", "eye", "target", "min", "max",
+}  # fmt: skip
+
+
+def _walk(node: BaseModel, where: str = "") -> Iterable[tuple[str, str, Any]]:
+    """Every field of every part of the scene: dotted place, key, value. Pictures have sizes of their own."""
+    for name, field in type(node).model_fields.items():
+        value = getattr(node, name)
+        here = f"{where}.{field.alias or name}" if where else field.alias or name
+        if isinstance(value, BaseModel):
+            yield from _walk(value, here)
+        elif isinstance(value, tuple) and value and isinstance(value[0], BaseModel):
+            for index, item in enumerate(value):
+                yield from _walk(item, f"{here}[{index}]")
+        elif not isinstance(node, model.Render) and not (isinstance(node, model.Sheet) and name == "size"):
+            yield here, name, value
+        elif isinstance(node, model.Sheet) and len(value) != 2:
+            yield here, "size", value[:1]  # a sheet has two edges in any dimension

@@ -1,0 +1,344 @@
+"""A scene in motion: builds exactly the pipeline that the scene needs, and steps it."""
+
+import math
+import os
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sandbox import checkpoint, runtime, stability
+from sandbox.contact.colliders import build_colliders
+from sandbox.diagnostics import Diagnostics, Energy, Measurement
+from sandbox.errors import DivergedError, SceneError
+from sandbox.forces.gravity import Gravity
+from sandbox.forces.springs import DampedSprings, Springs
+from sandbox.integrators.kick_drift import SERIAL_WORK, KickDrift
+from sandbox.integrators.schemes import SCHEMES
+from sandbox.postmortem import Failure, describe
+from sandbox.scene.assemble import Assembly, assemble
+from sandbox.scene.model import Scene
+from sandbox.state import ParticleState
+
+FloatArray = NDArray[np.float64]
+
+LONGEST_AUTO_DT = 1.0 / 240.0
+"""Step that dt = "auto" takes where stability would allow a longer one [s]: contact wants to be seen in time."""
+
+
+class StabilityWarning(UserWarning):
+    """A fixed step is longer than the scheme can take in this scene."""
+
+
+@dataclass
+class _Pipeline:
+    """What lives in Taichi, and dies when Taichi is started anew."""
+
+    tree: Any
+    state: ParticleState
+    laws: list[Any]
+    colliders: list[Any]
+    stepper: KickDrift
+    diagnostics: Diagnostics
+
+
+class Simulation:
+    """A running scene.
+
+    Parameters
+    ----------
+    scene : what to simulate
+    arch : "cpu", "cuda", "vulkan" or "metal"
+    precision : "f32" or "f64"; by default the scene's
+    threads : CPU threads; by default all cores. The trajectory does not depend on it.
+    serial : one launch for all steps of a frame (True) or a parallel launch a step (False);
+        by default whichever is faster for the scene's size
+
+    Raises SceneError where the scene cannot be built, RuntimeUnavailableError where ``arch`` is not there.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        arch: str = "cpu",
+        precision: str | None = None,
+        threads: int | None = None,
+        serial: bool | None = None,
+        verbose: bool = False,
+    ) -> None:
+        self.scene = scene
+        self.scheme = SCHEMES[scene.solver.integrator]
+        self.assembly = assemble(scene)
+        self.time = 0.0
+        """Simulated time [s]."""
+        self._settings = runtime.Settings(arch, precision or str(scene.solver.precision), threads, verbose)
+        work = self.assembly.particle_count + 2 * self.assembly.spring_count
+        self.serial = (arch == "cpu" and work <= SERIAL_WORK) if serial is None else serial
+        self._network = _spring_network(self.assembly)
+        self._pipeline: _Pipeline | None = None
+        self._asleep = (self.assembly.positions, self.assembly.velocities)
+        self._measurement: Measurement | None = None
+        self._check_start()
+        self.dt = self._choose_dt()
+        """Longest step that is taken [s]; every call divides its time into equal steps of at most this."""
+        self._wake()
+
+    # -- stepping ---------------------------------------------------------------------------------
+
+    def advance(self, seconds: float) -> None:
+        """Simulate ``seconds`` [s], in equal steps of at most ``dt``.
+
+        Raises DivergedError where the state leaves its bounds; the state is then the last good one.
+        """
+        if not (math.isfinite(seconds) and seconds >= 0.0):
+            raise SceneError(f"advance({seconds}): must be a time >= 0 in seconds")
+        if seconds == 0.0:
+            return
+        steps, dt = self._divide(seconds)
+        between_checks = max(1, round(1.0 / (self.scene.render.fps * dt)))
+        start = self.time
+        for done in range(0, steps, between_checks):
+            self._advance_checked(min(between_checks, steps - done), dt)
+            self.time = start + min(done + between_checks, steps) * dt
+        self.time = start + seconds
+
+    def step_frame(self) -> None:
+        """Simulate the time of one picture, 1 / render.fps."""
+        self.advance(1.0 / self.scene.render.fps)
+
+    def _divide(self, seconds: float) -> tuple[int, float]:
+        ratio = seconds / self.dt
+        steps = max(1, math.ceil(ratio - 1e-9 * max(1.0, ratio)))
+        # Where dt divides the time but for rounding, dt itself is used: advance(1.0) steps like ten advance(0.1).
+        dt = self.dt if abs(steps * self.dt - seconds) <= 1e-9 * seconds else seconds / steps
+        return steps, dt
+
+    def _advance_checked(self, steps: int, dt: float) -> None:
+        pipeline = self._wake()
+        pipeline.state.keep()
+        pipeline.stepper.advance(steps, dt)
+        self._measurement = None
+        if self._out_of_bounds(self.measure()):
+            raise self._diverged(steps, dt)
+
+    # -- what a state is ----------------------------------------------------------------------------
+
+    @property
+    def particle_count(self) -> int:
+        """Number of particles of all bodies."""
+        return self.assembly.particle_count
+
+    @property
+    def spring_count(self) -> int:
+        """Number of springs of all bodies."""
+        return self.assembly.spring_count
+
+    @property
+    def state(self) -> ParticleState:
+        """The fields themselves, for renderers and diagnostics; in the assembly's order."""
+        return self._wake().state
+
+    @property
+    def laws(self) -> list[Any]:
+        """Force laws of the scene, in the order of their sum."""
+        return self._wake().laws
+
+    def positions(self) -> FloatArray:
+        """Particle positions [m], shape (particle_count, dimension), in the scene's order."""
+        return self.assembly.scene_order(self._read()[0])
+
+    def velocities(self) -> FloatArray:
+        """Particle velocities [m/s], shape (particle_count, dimension), in the scene's order."""
+        return self.assembly.scene_order(self._read()[1])
+
+    def set_state(self, positions: FloatArray, velocities: FloatArray, time: float | None = None) -> None:
+        """Replace the state [m], [m/s], each (particle_count, dimension) in the scene's order, and the time [s]."""
+        shape = (self.particle_count, self.assembly.dimension)
+        arrays = []
+        for name, values in (("positions", positions), ("velocities", velocities)):
+            array = np.asarray(values, dtype=np.float64)
+            if array.shape != shape or not np.isfinite(array).all():
+                raise SceneError(f"{name}: must be finite numbers of shape {shape}, got shape {array.shape}")
+            arrays.append(self.assembly.internal_order(array))
+        self._wake().state.write(*arrays)
+        self._measurement = None
+        self.time = self.time if time is None else time
+
+    def restore(self) -> None:
+        """Go back to the start of the scene, with everything compiled."""
+        self._wake().state.write(self.assembly.positions, self.assembly.velocities)
+        self._measurement = None
+        self.time = 0.0
+
+    def measure(self) -> Measurement:
+        """Energies, momenta, largest strain, speed and penetration of the state now."""
+        if self._measurement is None:
+            self._measurement = self._wake().diagnostics.measure()
+        return self._measurement
+
+    def energy(self) -> Energy:
+        """Energies of the state now [J]: .kinetic .elastic .gravity .gas .total."""
+        return self.measure().energy
+
+    def momentum(self) -> FloatArray:
+        """Linear momentum [kg m/s], shape (dimension,)."""
+        return np.array(self.measure().momentum)
+
+    def angular_momentum(self) -> FloatArray:
+        """Angular momentum about the origin [kg m^2/s], shape (1,) in 2D, (3,) in 3D."""
+        return np.array(self.measure().angular_momentum)
+
+    # -- stability ----------------------------------------------------------------------------------
+
+    def stable_dt(self) -> float:
+        """Largest stable step of the scene's integrator in the shape that the bodies have now [s]."""
+        return self._stable_dt(self._read()[0])
+
+    def _stable_dt(self, positions: FloatArray) -> float:
+        return stability.stable_step(self._network, positions, self.scheme.damping_weight)
+
+    def _choose_dt(self) -> float:
+        limit = self._stable_dt(self.assembly.positions)
+        wanted = self.scene.solver.dt
+        if wanted == "auto":
+            return min(self.scene.solver.safety * limit, LONGEST_AUTO_DT)
+        if wanted > limit:
+            warnings.warn(
+                f"solver.dt = {wanted:.4g} s is above the stability limit {limit:.4g} s of "
+                f"{self.scene.solver.integrator} in this scene; expect it to diverge",
+                StabilityWarning,
+                stacklevel=3,
+            )
+        return float(wanted)
+
+    def _out_of_bounds(self, measurement: Measurement) -> bool:
+        bounds = self.scene.diagnostics
+        return not (
+            measurement.finite
+            and measurement.max_strain <= bounds.max_strain
+            and measurement.max_speed <= bounds.max_speed
+        )
+
+    def _check_start(self) -> None:
+        bounds = self.scene.diagnostics
+        speed = float(np.linalg.norm(self.assembly.velocities, axis=1).max())
+        if speed > bounds.max_speed:
+            raise SceneError(f"diagnostics.max_speed: a body starts at {speed:.4g} m/s, above {bounds.max_speed:.4g}")
+        failure = Failure.of_state(self.assembly, self.assembly.positions, self.assembly.velocities)
+        if failure.strain > bounds.max_strain:
+            raise SceneError(
+                f"diagnostics.max_strain: {failure.element(self.assembly)} starts at strain {failure.strain:.4g}, "
+                f"above {bounds.max_strain:.4g}"
+            )
+
+    def _diverged(self, steps: int, dt: float) -> DivergedError:
+        """Find the first bad step by taking the last steps again, one by one; leave the last good state."""
+        pipeline = self._wake()
+        pipeline.state.restore()
+        good = pipeline.state.read()
+        before, time = good, self.time
+        for step in range(1, steps + 1):
+            pipeline.stepper.advance(1, dt)
+            time = self.time + step * dt
+            after = pipeline.state.read()
+            if self._out_of_bounds(pipeline.diagnostics.measure()):
+                break
+            before = after
+        finite = bool(np.isfinite(after[0]).all() and np.isfinite(after[1]).all())
+        failure = Failure.of_state(self.assembly, *(after if finite else before))
+        pipeline.state.write(*good)
+        self._measurement = None
+        stable = self._stable_dt(good[0])
+        frequencies = stability.element_frequencies(self._network)
+        message = describe(failure, self.assembly, time, dt, stable, frequencies, finite)
+        return DivergedError(message, time=time, stable_dt=stable)
+
+    # -- life ---------------------------------------------------------------------------------------
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a checkpoint (.npz) that :meth:`load` continues bit for bit."""
+        settings = self._settings
+        checkpoint.write(
+            path,
+            checkpoint.Checkpoint(
+                self.scene, self.time, self.positions(), self.velocities(), settings.arch, settings.precision
+            ),
+        )
+
+    @classmethod
+    def load(
+        cls, path: str | os.PathLike[str], *, arch: str | None = None, threads: int | None = None
+    ) -> "Simulation":
+        """The simulation of a checkpoint. Raises SceneError where the file is none."""
+        saved = checkpoint.read(path)
+        simulation = cls(saved.scene, arch=arch or saved.arch, precision=saved.precision, threads=threads)
+        simulation.set_state(saved.positions, saved.velocities, saved.time)
+        return simulation
+
+    def suspend(self) -> None:
+        """Leave Taichi, keeping the state; the next use builds everything again."""
+        if self._pipeline is not None:
+            self._asleep = self._pipeline.state.read()
+            self._pipeline = None
+
+    def close(self) -> None:
+        """Give the fields back. Using the simulation again builds them anew."""
+        if self._pipeline is not None:
+            tree = self._pipeline.tree
+            self.suspend()
+            tree.destroy()
+
+    def __enter__(self) -> "Simulation":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _read(self) -> tuple[FloatArray, FloatArray]:
+        return self._asleep if self._pipeline is None else self._pipeline.state.read()
+
+    def _wake(self) -> _Pipeline:
+        if self._pipeline is None:
+            runtime.start(**vars(self._settings))
+            self._pipeline = _build(self.assembly, self.scheme, self.serial)
+            self._pipeline.state.write(*self._asleep)
+            runtime.register(self)
+        return self._pipeline
+
+
+def _build(assembly: Assembly, scheme: Any, serial: bool) -> _Pipeline:
+    """Fields and kernels for just what the scene names."""
+    scene = assembly.scene
+    builder = runtime.fields_builder()
+    state = ParticleState(builder, assembly, scheme.predicts_velocity and bool(assembly.spring_damping.any()))
+    laws: list[Any] = []
+    if scene.gravity is not None and any(scene.gravity):
+        laws.append(Gravity(state, scene.gravity))
+    loads: list[Any] = [state]
+    if assembly.spring_count:
+        kind = DampedSprings if assembly.spring_damping.any() else Springs
+        laws.append(kind(builder, assembly, state))
+        loads.append(laws[-1])
+    colliders, contact_parts = build_colliders(builder, assembly, state)
+    diagnostics = Diagnostics(builder, state, laws, colliders)
+    tree = builder.finalize()
+    for part in loads + contact_parts:
+        part.load(assembly)
+    pinned = bool((assembly.inverse_masses == 0.0).any())
+    stepper = KickDrift(scheme, state, laws, colliders, scene.drag, pinned, serial)
+    return _Pipeline(tree, state, laws, colliders, stepper, diagnostics)
+
+
+def _spring_network(assembly: Assembly) -> stability.SpringNetwork:
+    return stability.SpringNetwork(
+        inverse_masses=assembly.inverse_masses,
+        springs=assembly.springs,
+        rest_lengths=assembly.spring_rest_lengths,
+        stiffness=assembly.spring_stiffness,
+        damping=assembly.spring_damping,
+    )
+
+

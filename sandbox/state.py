@@ -1,0 +1,110 @@
+"""Particle state in Taichi fields: positions and velocities in slots, masses; save and restore.
+
+A *slot* is one whole copy of positions and velocities. A step reads one slot and writes another,
+so that every particle gathers from the same instant; one more slot keeps the last good state.
+"""
+
+import numpy as np
+import taichi as ti
+from numpy.typing import NDArray
+
+from sandbox import runtime
+from sandbox.scene.assemble import Assembly
+
+FloatArray = NDArray[np.float64]
+
+BACKUP_SLOT = 2
+_SLOTS = 3
+
+
+def place(builder: ti.FieldsBuilder, field: ti.Field, *shape: int) -> ti.Field:
+    """Put ``field`` into the simulation's tree with the given shape (no axis shorter than 1)."""
+    axes = [ti.i, ti.ij, ti.ijk][len(shape) - 1]
+    builder.dense(axes, [max(1, n) for n in shape]).place(field)
+    return field
+
+
+@ti.data_oriented
+class ParticleState:
+    """Fields of all particles, in the assembly's order.
+
+    Attributes
+    ----------
+    x : positions [m], vectors, shape (3, particle_count): two slots and a backup
+    v : velocities [m/s], vectors, shape (3, particle_count)
+    force_velocity : velocities that forces see [m/s]: ``v`` itself, or a scheme's prediction of it
+    mass, inverse_mass : [kg], [1/kg] (0 where pinned), shape (particle_count,)
+    """
+
+    def __init__(self, builder: ti.FieldsBuilder, assembly: Assembly, predicts_velocity: bool) -> None:
+        self.count = assembly.particle_count
+        self.dimension = assembly.dimension
+        vector = runtime.vector(self.dimension)
+        real = runtime.real()
+        self.x = place(builder, vector.field(), _SLOTS, self.count)
+        self.v = place(builder, vector.field(), _SLOTS, self.count)
+        self.predicts_velocity = predicts_velocity
+        self.force_velocity = place(builder, vector.field(), _SLOTS, self.count) if predicts_velocity else self.v
+        self.mass = place(builder, ti.field(real), self.count)
+        self.inverse_mass = place(builder, ti.field(real), self.count)
+        self.slot = 0
+        """Slot that holds the state now."""
+
+    def load(self, assembly: Assembly) -> None:
+        """Upload masses and the initial state."""
+        self._write_masses(assembly.masses, assembly.inverse_masses)
+        self.write(assembly.positions, assembly.velocities)
+
+    def write(self, positions: FloatArray, velocities: FloatArray) -> None:
+        """Set the state [m], [m/s], each of shape (particle_count, dimension), internal order."""
+        self.slot = 0
+        self._write(np.ascontiguousarray(positions), np.ascontiguousarray(velocities))
+
+    def read(self) -> tuple[FloatArray, FloatArray]:
+        """Positions [m] and velocities [m/s], each (particle_count, dimension), internal order, f64."""
+        positions = np.empty((self.count, self.dimension))
+        velocities = np.empty_like(positions)
+        self._read(self.slot, positions, velocities)
+        return positions, velocities
+
+    def keep(self) -> None:
+        """Copy the state into the backup slot."""
+        self._copy(self.slot, BACKUP_SLOT)
+
+    def restore(self) -> None:
+        """Copy the backup slot back."""
+        self.slot = 0
+        self._copy(BACKUP_SLOT, self.slot)
+
+    @ti.kernel
+    def _write_masses(self, mass: ti.types.ndarray(), inverse: ti.types.ndarray()):
+        for i in range(self.count):
+            self.mass[i] = mass[i]
+            self.inverse_mass[i] = inverse[i]
+
+    @ti.kernel
+    def _write(self, positions: ti.types.ndarray(), velocities: ti.types.ndarray()):
+        for i in range(self.count):
+            for axis in ti.static(range(self.dimension)):
+                self.x[0, i][axis] = positions[i, axis]
+                self.v[0, i][axis] = velocities[i, axis]
+            self._predict(0, i)
+
+    @ti.kernel
+    def _read(self, slot: int, positions: ti.types.ndarray(), velocities: ti.types.ndarray()):
+        for i in range(self.count):
+            for axis in ti.static(range(self.dimension)):
+                positions[i, axis] = self.x[slot, i][axis]
+                velocities[i, axis] = self.v[slot, i][axis]
+
+    @ti.kernel
+    def _copy(self, source: int, target: int):
+        for i in range(self.count):
+            self.x[target, i] = self.x[source, i]
+            self.v[target, i] = self.v[source, i]
+            self._predict(target, i)
+
+    @ti.func
+    def _predict(self, slot, i):
+        if ti.static(self.predicts_velocity):
+            self.force_velocity[slot, i] = self.v[slot, i]
