@@ -8,6 +8,7 @@
 Names are imported when they are first used, so that ``import sandbox`` is quick and starts nothing.
 """
 
+import os
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,29 @@ if TYPE_CHECKING:
     from sandbox.simulation import Simulation, StabilityWarning
 
 __version__ = "0.1.0"
+
+# Read by Taichi when it is imported, which prints a banner to standard output otherwise.
+os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "False")
+
+__all__ = [
+    "DivergedError",
+    "Energy",
+    "Measurement",
+    "RunOptions",
+    "RuntimeUnavailableError",
+    "SandboxError",
+    "Scene",
+    "SceneError",
+    "Simulation",
+    "StabilityWarning",
+    "Summary",
+    "__version__",
+    "json_schema",
+    "load_scene",
+    "preset_paths",
+    "run",
+    "to_toml",
+]
 
 _HOMES = {
     "DivergedError": "sandbox.errors",
@@ -39,8 +63,6 @@ _HOMES = {
     "run": "sandbox.run",
     "to_toml": "sandbox.scene.load",
 }
-
-__all__ = ["__version__", *_HOMES]
 
 
 def __getattr__(name: str) -> Any:

@@ -1,12 +1,12 @@
 """Checkpoints: a scene and its state in one .npz file."""
 
 import os
+import tomllib
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import tomllib
 from numpy.typing import NDArray
 
 from sandbox.errors import SceneError

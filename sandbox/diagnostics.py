@@ -55,9 +55,7 @@ class Measurement:
 class Diagnostics:
     """Measures a state with the laws and colliders that act on it."""
 
-    def __init__(
-        self, builder: ti.FieldsBuilder, state: ParticleState, laws: list[Any], colliders: list[Any]
-    ) -> None:
+    def __init__(self, builder: ti.FieldsBuilder, state: ParticleState, laws: list[Any], colliders: list[Any]) -> None:
         self.state = state
         self.laws = laws
         self.strained = [law for law in laws if hasattr(law, "strain_on")]

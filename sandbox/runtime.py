@@ -12,9 +12,6 @@ import weakref
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-# Read by Taichi when it is imported, which prints a banner otherwise.
-os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "False")
-
 import taichi as ti
 
 from sandbox.errors import RuntimeUnavailableError

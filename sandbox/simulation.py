@@ -82,7 +82,9 @@ class Simulation:
         self._asleep = (self.assembly.positions, self.assembly.velocities)
         self._measurement: Measurement | None = None
         self._check_start()
-        self.dt = self._choose_dt()
+        self.initial_stable_dt = self._stable_dt(self.assembly.positions)
+        """Stability limit of the scheme in the shape that the scene starts with [s]."""
+        self.dt = self._choose_dt(self.initial_stable_dt)
         """Longest step that is taken [s]; every call divides its time into equal steps of at most this."""
         self._wake()
 
@@ -135,6 +137,11 @@ class Simulation:
     def spring_count(self) -> int:
         """Number of springs of all bodies."""
         return self.assembly.spring_count
+
+    @property
+    def precision(self) -> str:
+        """f32 or f64."""
+        return self._settings.precision
 
     @property
     def state(self) -> ParticleState:
@@ -200,8 +207,7 @@ class Simulation:
     def _stable_dt(self, positions: FloatArray) -> float:
         return stability.stable_step(self._network, positions, self.scheme.damping_weight)
 
-    def _choose_dt(self) -> float:
-        limit = self._stable_dt(self.assembly.positions)
+    def _choose_dt(self, limit: float) -> float:
         wanted = self.scene.solver.dt
         if wanted == "auto":
             return min(self.scene.solver.safety * limit, LONGEST_AUTO_DT)
@@ -269,9 +275,7 @@ class Simulation:
         )
 
     @classmethod
-    def load(
-        cls, path: str | os.PathLike[str], *, arch: str | None = None, threads: int | None = None
-    ) -> "Simulation":
+    def load(cls, path: str | os.PathLike[str], *, arch: str | None = None, threads: int | None = None) -> "Simulation":
         """The simulation of a checkpoint. Raises SceneError where the file is none."""
         saved = checkpoint.read(path)
         simulation = cls(saved.scene, arch=arch or saved.arch, precision=saved.precision, threads=threads)
@@ -340,5 +344,3 @@ def _spring_network(assembly: Assembly) -> stability.SpringNetwork:
         stiffness=assembly.spring_stiffness,
         damping=assembly.spring_damping,
     )
-
-

@@ -115,7 +115,7 @@ def row_sum_step(network: SpringNetwork, damping_weight: float) -> float:
 
 def element_frequencies(network: SpringNetwork) -> FloatArray:
     """Angular frequency of every spring with its two masses alone [rad/s], shape (S,)."""
-    return np.sqrt(network.stiffness * network.inverse_masses[network.springs].sum(axis=1))
+    return np.asarray(np.sqrt(network.stiffness * network.inverse_masses[network.springs].sum(axis=1)))
 
 
 def _largest(

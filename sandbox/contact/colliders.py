@@ -73,6 +73,14 @@ class SolidCollider:
             x_new = place + (1.0 - fraction) * duration * v_new
         return x_new, v_new
 
+    def entry(self, start, end, radius):
+        """Whether the path enters the solid, at which fraction, where, and the normal there: a ti.func of each kind."""
+        raise NotImplementedError
+
+    def signed_distance(self, x):
+        """Distance of a point from the surface [m], negative inside: a ti.func of each kind."""
+        raise NotImplementedError
+
     @ti.func
     def depth(self, i, x):
         """How far particle i is inside [m]; negative outside."""

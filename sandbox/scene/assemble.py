@@ -12,7 +12,7 @@ from sandbox.errors import SceneError
 from sandbox.scene.appearance import Appearance
 from sandbox.scene.lattice import FloatArray, IntArray
 from sandbox.scene.look import build_appearance
-from sandbox.scene.model import Bracing, Body, Collider, Custom, Material, Scene
+from sandbox.scene.model import Body, Bracing, Collider, Custom, Material, Scene
 from sandbox.scene.ordering import locality_order
 from sandbox.scene.placement import rotation_matrix, spin
 from sandbox.scene.shapes import Geometry, generate
@@ -196,7 +196,9 @@ def _masses(where: str, material: Material, geometry: Geometry) -> FloatArray:
         return material.mass * geometry.mass_share
     if geometry.volume is None:
         if material.density is not None:
-            raise SceneError(f"{where}.material.density: a custom shape has no volume; give mass, or masses in the shape")
+            raise SceneError(
+                f"{where}.material.density: a custom shape has no volume; give mass, or masses in the shape"
+            )
         return np.full(len(geometry.points), DEFAULT_POINT_MASS)
     total = geometry.volume * (material.density or DEFAULT_DENSITY)
     if total <= 0.0:
@@ -232,7 +234,7 @@ def _damping(
     inverse = np.where(pinned, 0.0, 1.0 / masses)[springs].sum(axis=1)
     # Two pinned ends never move; any damping will do.
     reduced = np.divide(1.0, inverse, out=np.zeros_like(inverse), where=inverse > 0.0)
-    return 2.0 * material.damping_ratio * np.sqrt(stiffness * reduced)
+    return np.asarray(2.0 * material.damping_ratio * np.sqrt(stiffness * reduced))
 
 
 def _combine(collider: Collider, material: Material) -> ContactPair:

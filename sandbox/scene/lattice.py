@@ -122,8 +122,7 @@ def _scales_or_unit(spacing: tuple[float, ...], bracing: Bracing) -> dict[Offset
         return isotropic_scales(spacing, bracing)
     except SceneError:
         return {
-            tuple(abs(component) for component in offset): np.nan
-            for offset in spring_offsets(len(spacing), bracing)
+            tuple(abs(component) for component in offset): np.nan for offset in spring_offsets(len(spacing), bracing)
         }
 
 
@@ -167,9 +166,7 @@ def _boundary(occupied: NDArray[np.bool_], node_index: NDArray[np.int64]) -> Int
     return np.concatenate(faces).astype(np.int32)
 
 
-def _face_elements(
-    cells: NDArray[np.int64], axis: int, side: int, node_index: NDArray[np.int64]
-) -> NDArray[np.int64]:
+def _face_elements(cells: NDArray[np.int64], axis: int, side: int, node_index: NDArray[np.int64]) -> NDArray[np.int64]:
     """Outward triangles (3D) or counter-clockwise edges (2D) of one side of the given cells."""
     dimension = node_index.ndim
     others = [(axis + 1) % dimension, (axis + 2) % dimension][: dimension - 1]
@@ -179,7 +176,7 @@ def _face_elements(
         node[:, axis] += side
         for other, step in zip(others, steps, strict=True):
             node[:, other] += step
-        return node_index[tuple(node.T)]
+        return np.asarray(node_index[tuple(node.T)])
 
     if dimension == 2:
         # Seen along +x the next axis is y: the right side runs up; along +y it is x, mirrored.

@@ -94,13 +94,13 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 def scene_from_data(data: Mapping[str, Any], overrides: Mapping[str, Any] | None, source: str = "scene") -> Scene:
     """A validated scene from plain data. ``source`` begins the text of errors."""
-    data = copy.deepcopy(dict(data))
+    raw: dict[str, Any] = copy.deepcopy(dict(data))
     for key, value in (overrides or {}).items():
-        _override(data, key, value)
+        _override(raw, key, value)
     try:
-        scene = Scene.model_validate(data)
+        scene = Scene.model_validate(raw)
     except ValidationError as error:
-        raise SceneError(_describe(error, data, source, tuple(overrides or ()))) from None
+        raise SceneError(_describe(error, raw, source, tuple(overrides or ()))) from None
     except RecursionError:
         raise SceneError(f"{source}: is nested too deeply") from None
     check_dimensions(scene, source)
@@ -133,20 +133,22 @@ def _override(data: dict[str, Any], key: str, value: Any) -> None:
     parts = _INDEX.sub(r".\1", key).split(".")
     node: Any = data
     for depth, part in enumerate(parts):
-        where = ".".join(parts[: depth + 1])
-        last = depth == len(parts) - 1
+        entry: int | str = part
         if isinstance(node, list):
             if not part.isdigit() or int(part) >= len(node):
+                where = ".".join(parts[: depth + 1])
                 raise SceneError(f"--set {key}: {where}: there is no such entry; the list has {len(node)}")
-            part = int(part)  # type: ignore[assignment]
+            entry = int(part)
         elif not isinstance(node, dict):
             raise SceneError(f"--set {key}: {'.'.join(parts[:depth])} is not a table")
         elif not part:
             raise SceneError(f"--set {key}: has an empty part")
-        if last:
-            node[part] = value
+        if depth == len(parts) - 1:
+            node[entry] = value
+        elif isinstance(node, dict):
+            node = node.setdefault(part, {})
         else:
-            node = node[part] if isinstance(node, list) else node.setdefault(part, {})
+            node = node[entry]
 
 
 def _describe(error: ValidationError, data: Any, source: str, overridden: Iterable[str]) -> str:

@@ -33,7 +33,9 @@ def build_appearance(
     triangles, triangle_body = gather("triangles", 3)
     outline, outline_body = gather("outline", 2)
     capsules, capsule_body = gather("springs" if scene.render.struts else "capsules", 2)
-    shown = [np.arange(len(g.points)) if scene.render.particles or g.show_particles else np.zeros(0, int) for g in geometries]
+    shown = [
+        np.arange(len(g.points)) if scene.render.particles or g.show_particles else np.zeros(0, int) for g in geometries
+    ]
     spheres = np.concatenate([s + offset for s, offset in zip(shown, first, strict=False)])
     sphere_body = np.repeat(np.arange(len(shown), dtype=np.int32), [len(s) for s in shown])
     rod = np.array([g.capsule_radius or _STRUT_RADIUS * element for g in geometries])

@@ -201,9 +201,7 @@ class Material(Model):
     friction: NonNegative | None = Field(
         None, description="Coulomb friction [1]; with a collider's own: the geometric mean of both"
     )
-    restitution: Fraction | None = Field(
-        None, description="restitution [1]; with a collider's own: the larger of both"
-    )
+    restitution: Fraction | None = Field(None, description="restitution [1]; with a collider's own: the larger of both")
 
     @model_validator(mode="after")
     def _one_of_each(self) -> "Material":

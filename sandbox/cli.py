@@ -1,0 +1,177 @@
+"""The command line: one thin function a command."""
+
+import json
+import signal
+import sys
+import warnings
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from sandbox import __version__
+from sandbox.errors import SandboxError, SceneError
+from sandbox.scene.load import find_scene, json_schema, parse_assignment, read_toml, scene_from_data
+from sandbox.scene.model import Scene
+
+# Typer depends on click in some versions and carries its own copy in others; it exports only this leaf.
+_UsageError: Any = typer.BadParameter.__base__
+
+app = typer.Typer(
+    help="A real-time soft-body sandbox: scenes in, videos and numbers out.",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="A preset's name, or a path to a TOML file.")]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Change a value of the scene, e.g. solver.dt=1e-4. Repeatable."),
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="JSON on standard output, and nothing else there.")]
+
+
+@app.callback(invoke_without_command=True)
+def main_options(
+    context: typer.Context, version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False
+) -> None:
+    """A real-time soft-body sandbox: scenes in, videos and numbers out."""
+    if version or context.invoked_subcommand is None:
+        typer.echo(__version__ if version else context.get_help())
+        raise typer.Exit
+
+
+@app.command()
+def run(
+    scene: SceneArgument,
+    set_: SetOption = None,
+    seconds: Annotated[float | None, typer.Option(help="Simulated time at the end [s].")] = None,
+    fps: Annotated[float | None, typer.Option(help="Pictures a simulated second.")] = None,
+    size: Annotated[str | None, typer.Option(metavar="WIDTHxHEIGHT", help="Picture size, e.g. 1280x720.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Run folder; outputs/NAME by default.")] = None,
+    renderer: Annotated[str, typer.Option(help="taichi or none.")] = "taichi",
+    video: Annotated[str, typer.Option(help="mp4, webm, gif, png or none.")] = "mp4",
+    arch: Annotated[str, typer.Option(help="cpu, cuda, vulkan or metal.")] = "cpu",
+    precision: Annotated[str | None, typer.Option(help="f32 or f64; the scene's by default.")] = None,
+    threads: Annotated[int | None, typer.Option(help="CPU threads; all cores by default.")] = None,
+    resume: Annotated[Path | None, typer.Option(metavar="FILE", help="Go on from a checkpoint.")] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
+    json_: JsonOption = False,
+    verbose: Annotated[bool, typer.Option("--verbose", help="Show Taichi's own log.")] = False,
+) -> None:
+    """Simulate a scene, draw it, and leave a run folder with video, poster, metrics and checkpoint."""
+    shortcuts = {"duration": seconds, "render.fps": fps, "render.size": None if size is None else _size(size)}
+    loaded = _load(scene, set_, shortcuts)
+    from sandbox.run import RunOptions
+    from sandbox.run import run as run_scene
+
+    name = Path(scene).stem
+    options = RunOptions(name, out, renderer, video, arch, precision, threads, resume, verbose)
+    with _progress(loaded, quiet or json_) as progress:
+        summary = run_scene(loaded, options, progress)
+    if json_:
+        typer.echo((options.folder / "summary.json").read_text(encoding="utf-8"), nl=False)
+    elif not quiet:
+        typer.echo(
+            f"{summary.folder}: {summary.simulated:g} s in {summary.seconds['total']:.1f} s, "
+            f"{summary.real_time_factor:.1f}x real time (simulation), {', '.join(summary.files)}"
+        )
+
+
+@app.command()
+def scenes(json_: JsonOption = False) -> None:
+    """List the presets: name, title, size, and what physics each uses."""
+    from sandbox.catalogue import catalogue
+
+    rows = catalogue()
+    if json_:
+        typer.echo(json.dumps(rows, indent=2))
+        return
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False)
+    for column in ("name", "title", "particles", "springs", "physics"):
+        table.add_column(column, justify="right" if column in ("particles", "springs") else "left")
+    for row in rows:
+        table.add_row(row["name"], row["title"], str(row["particles"]), str(row["springs"]), ", ".join(row["physics"]))
+    Console().print(table)
+
+
+@app.command()
+def validate(
+    file: Annotated[str, typer.Argument(metavar="FILE", help="A scene file, or a preset's name.")],
+    set_: SetOption = None,
+) -> None:
+    """Check a scene file; say in one line what is wrong with it."""
+    loaded = _load(file, set_, {})
+    from sandbox.scene.assemble import assemble
+
+    try:
+        assembly = assemble(loaded)
+    except SceneError as error:
+        raise SceneError(f"{file}: {error}") from None
+    typer.echo(f"{file}: ok, {assembly.particle_count} particles, {assembly.spring_count} springs")
+
+
+@app.command()
+def schema() -> None:
+    """Print the JSON Schema of scene files."""
+    typer.echo(json_schema())
+
+
+def _load(source: str, assignments: list[str] | None, shortcuts: dict[str, Any]) -> Scene:
+    overrides = dict(parse_assignment(text) for text in assignments or [])
+    overrides.update({key: value for key, value in shortcuts.items() if value is not None})
+    return scene_from_data(read_toml(find_scene(source)), overrides, source=source)
+
+
+def _size(text: str) -> list[int]:
+    width, _, height = text.lower().partition("x")
+    if not (width.isdigit() and height.isdigit()):
+        raise SceneError(f"--size {text}: must be WIDTHxHEIGHT, such as 1280x720")
+    return [int(width), int(height)]
+
+
+def _progress(scene: Scene, silent: bool) -> Any:
+    if silent:
+        import contextlib
+
+        from sandbox.output.progress import NoProgress
+
+        return contextlib.nullcontext(NoProgress())
+    from sandbox.output.progress import ProgressBar
+
+    return ProgressBar(scene.title or "simulating", scene.duration)
+
+
+def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+    print(f"warning: {message}", file=sys.stderr)
+
+
+def main() -> None:
+    """Entry point: every error that a user can make is one line and exit code 2."""
+    warnings.showwarning = _show_warning
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        code = app(standalone_mode=False)
+    except _UsageError as error:
+        code = _fail(error.format_message(), 2)
+    except SandboxError as error:
+        code = _fail(str(error), error.exit_code)
+    except (KeyboardInterrupt, typer.Abort):
+        code = _fail("interrupted", 1)
+    except MemoryError:
+        code = _fail("out of memory: the scene is too large for this machine", 1)
+    except BrokenPipeError:
+        code = 1
+    sys.exit(code or 0)
+
+
+def _fail(message: str, code: int) -> int:
+    print(f"sandbox: {' '.join(message.split())}", file=sys.stderr)
+    return code
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,94 @@
+"""The run folder: everything is written beside it first and takes its final name only when whole."""
+
+import contextlib
+import json
+import os
+import shutil
+from pathlib import Path
+from typing import Any
+
+from sandbox.errors import SandboxError, SceneError
+
+_PREFIX = ".partial-"
+# What a run may leave in its folder; a later run replaces or removes these and touches nothing else.
+_PRODUCTS = (
+    "video.mp4", "video.webm", "video.gif", "frames", "poster.png", "metrics.csv", "summary.json", "scene.toml",
+    "checkpoint.npz",
+)  # fmt: skip
+
+
+class RunFolder:
+    """Collects the files of a run in a hidden folder inside ``path``, and publishes them at the end.
+
+    Until ``publish`` the products of an earlier run stay as they were. A killed run leaves only its
+    hidden folder, which the next run of the same folder removes.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            self._clear_left_over()
+            self.partial = path / f"{_PREFIX}{os.getpid()}"
+            shutil.rmtree(self.partial, ignore_errors=True)
+            self.partial.mkdir()
+        except OSError as error:
+            raise SceneError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+    def _clear_left_over(self) -> None:
+        for folder in self.path.glob(f"{_PREFIX}*"):
+            process = folder.name.removeprefix(_PREFIX)
+            if not (process.isdigit() and _is_running(int(process))):
+                shutil.rmtree(folder, ignore_errors=True)
+
+    def write_text(self, name: str, text: str) -> None:
+        """Add a text file."""
+        (self.partial / name).write_text(text, encoding="utf-8")
+
+    def write_json(self, name: str, data: Any) -> None:
+        """Add a JSON file; numbers that are not finite become null, which JSON has and NaN is not."""
+        self.write_text(name, json.dumps(_finite(data), indent=2, allow_nan=False) + "\n")
+
+    def publish(self) -> list[str]:
+        """Give all files their final names, take away what an earlier run left, and return the names."""
+        try:
+            names = sorted(entry.name for entry in self.partial.iterdir())
+            for name in _PRODUCTS:
+                if name not in names or (self.path / name).is_dir():
+                    _remove(self.path / name)
+            for name in names:
+                (self.partial / name).replace(self.path / name)
+            self.partial.rmdir()
+        except OSError as error:
+            raise SandboxError(f"{self.path}: cannot be written: {error.strerror or error}") from None
+        return names
+
+    def discard(self) -> None:
+        """Drop what was collected; an earlier run's files stay."""
+        shutil.rmtree(self.partial, ignore_errors=True)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
+
+
+def _is_running(process: int) -> bool:
+    if process == os.getpid():
+        return False
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.kill(process, 0)
+        return True
+    return False
+
+
+def _finite(data: Any) -> Any:
+    if isinstance(data, dict):
+        return {key: _finite(value) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [_finite(value) for value in data]
+    if isinstance(data, float) and not abs(data) < float("inf"):
+        return None
+    return data

@@ -1,0 +1,48 @@
+"""A progress bar on standard error: how far, how fast against real time, how long still."""
+
+from types import TracebackType
+from typing import Protocol
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+
+class ProgressReport(Protocol):
+    """Is told of simulated time as it passes."""
+
+    def update(self, simulated: float, real_time_factor: float) -> None: ...
+
+
+class NoProgress:
+    """Says nothing."""
+
+    def update(self, simulated: float, real_time_factor: float) -> None:
+        """Ignore progress."""
+
+
+class ProgressBar:
+    """Live bar; where standard error is no terminal, one line at the end."""
+
+    def __init__(self, title: str, seconds: float) -> None:
+        self._progress = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TaskProgressColumn(),
+            TextColumn("{task.fields[simulated]:.2f} s simulated, {task.fields[factor]:.2f}x real time, left"),
+            TimeRemainingColumn(),
+            console=Console(stderr=True),
+        )
+        self._task = self._progress.add_task(title, total=seconds, simulated=0.0, factor=0.0)
+
+    def __enter__(self) -> "ProgressBar":
+        self._progress.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._progress.stop()
+
+    def update(self, simulated: float, real_time_factor: float) -> None:
+        """Show ``simulated`` [s] as done, at ``real_time_factor`` simulated seconds a second."""
+        self._progress.update(self._task, completed=simulated, simulated=simulated, factor=real_time_factor)

@@ -1,0 +1,95 @@
+"""Writers of pictures: H.264 and VP9 video, GIF, numbered PNG files, or nothing."""
+
+from pathlib import Path
+from typing import Any, Protocol
+
+import imageio.v3 as iio
+import numpy as np
+from numpy.typing import NDArray
+
+Picture = NDArray[np.uint8]
+
+_CODECS = {"mp4": "libx264", "webm": "libvpx-vp9"}
+
+
+class PictureWriter(Protocol):
+    """Takes pictures of shape (height, width, 3), one after the other."""
+
+    def write(self, picture: Picture) -> None: ...
+
+    def close(self) -> None: ...
+
+
+class VideoWriter:
+    """H.264 (.mp4) or VP9 (.webm) through imageio's pyav plugin, yuv420p so that every player shows it."""
+
+    def __init__(self, path: Path, kind: str, fps: float) -> None:
+        self._file: Any = iio.imopen(path, "w", plugin="pyav", extension=f".{kind}")
+        self._file.init_video_stream(_CODECS[kind], fps=float(fps), pixel_format="yuv420p")
+        self._empty = True
+
+    def write(self, picture: Picture) -> None:
+        """Append one picture."""
+        self._file.write_frame(picture)
+        self._empty = False
+
+    def close(self) -> None:
+        """Finish the file."""
+        if not self._empty:
+            self._file.close()
+
+
+class GifWriter:
+    """Animated GIF; its time steps are hundredths of a second, so the frame rate is rounded."""
+
+    def __init__(self, path: Path, fps: float) -> None:
+        self._path = path
+        self._duration = max(20, round(100.0 / fps) * 10)
+        self._pictures: list[Picture] = []
+
+    def write(self, picture: Picture) -> None:
+        """Append one picture."""
+        self._pictures.append(picture)
+
+    def close(self) -> None:
+        """Write the file."""
+        if self._pictures:
+            iio.imwrite(self._path, np.stack(self._pictures), extension=".gif", duration=self._duration, loop=0)
+
+
+class PngWriter:
+    """Numbered PNG files in a folder: 00001.png and so on."""
+
+    def __init__(self, folder: Path) -> None:
+        folder.mkdir()
+        self._folder = folder
+        self._count = 0
+
+    def write(self, picture: Picture) -> None:
+        """Write one picture."""
+        self._count += 1
+        iio.imwrite(self._folder / f"{self._count:05d}.png", picture, compress_level=1)
+
+    def close(self) -> None:
+        """Nothing is left to do."""
+
+
+class NullWriter:
+    """Takes pictures and forgets them."""
+
+    def write(self, picture: Picture) -> None:
+        """Forget one picture."""
+
+    def close(self) -> None:
+        """Nothing is left to do."""
+
+
+def open_writer(folder: Path, kind: str, fps: float) -> PictureWriter:
+    """A writer of ``kind`` mp4, webm, gif, png or none, into ``folder``: video.KIND, or frames/ for png."""
+    if kind in _CODECS:
+        return VideoWriter(folder / f"video.{kind}", kind, fps)
+    if kind == "gif":
+        return GifWriter(folder / "video.gif", fps)
+    if kind == "png":
+        return PngWriter(folder / "frames")
+    return NullWriter()

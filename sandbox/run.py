@@ -1,0 +1,304 @@
+"""A headless run: simulate, measure, draw, and leave a run folder."""
+
+import contextlib
+import hashlib
+import math
+import os
+import platform
+import time as clock
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import imageio.v3 as iio
+import numpy as np
+from numpy.typing import NDArray
+
+from sandbox import __version__, checkpoint
+from sandbox.errors import DivergedError, SandboxError, SceneError
+from sandbox.output.folder import RunFolder
+from sandbox.output.metrics import MetricsWriter
+from sandbox.output.progress import NoProgress, ProgressReport
+from sandbox.output.video import PictureWriter, open_writer
+from sandbox.particle_values import ParticleValues
+from sandbox.render import NullRenderer, Renderer, create_renderer
+from sandbox.scene.load import to_toml
+from sandbox.scene.model import ColorBy, Scene
+from sandbox.simulation import Simulation
+
+RENDERERS = ("taichi", "none")
+VIDEOS = ("mp4", "webm", "gif", "png", "none")
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """Where and how a run leaves its results."""
+
+    name: str
+    """Name of the scene: names the folder and the summary."""
+    out: Path | None = None
+    """Run folder; outputs/NAME by default."""
+    renderer: str = "taichi"
+    """taichi or none."""
+    video: str = "mp4"
+    """mp4, webm, gif, png or none."""
+    arch: str = "cpu"
+    precision: str | None = None
+    threads: int | None = None
+    resume: Path | None = None
+    """Checkpoint to go on from; the run still ends at the scene's duration."""
+    verbose: bool = False
+
+    @property
+    def folder(self) -> Path:
+        return self.out or Path("outputs") / self.name
+
+
+@dataclass
+class Timings:
+    """Wall time of the parts of a run [s]."""
+
+    setup: float = 0.0
+    """Building the simulation and the renderer, less what the first picture then compiles."""
+    first_step: float = 0.0
+    """From the start of the run to the first simulated picture, compilation included."""
+    simulate: list[float] = field(default_factory=list)
+    render: list[float] = field(default_factory=list)
+    encode: list[float] = field(default_factory=list)
+
+    @contextlib.contextmanager
+    def measure(self, part: str) -> Iterator[None]:
+        """Add the block's wall time to ``part``."""
+        start = clock.perf_counter()
+        yield
+        getattr(self, part).append(clock.perf_counter() - start)
+
+    def summary(self, total: float) -> dict[str, float]:
+        """Seconds a part; medians leave out the first picture, which compiles."""
+        table = {"setup": self.setup, "first_step": self.first_step, "total": total}
+        for part in ("simulate", "render", "encode"):
+            values = getattr(self, part)
+            table[part] = sum(values)
+            table[f"{part}_median_per_picture"] = median(values[1:] or values or [0.0])
+        return table
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a run came to; summary.json."""
+
+    name: str
+    title: str
+    status: str
+    """done, diverged or interrupted."""
+    message: str
+    folder: str
+    files: list[str]
+    simulated: float
+    """Simulated time at the end [s]."""
+    pictures: int
+    particles: int
+    springs: int
+    integrator: str
+    precision: str
+    arch: str
+    threads: int | None
+    dt: float
+    """Longest step [s]."""
+    stable_dt: float | None
+    """Stability limit at the start [s]; None where nothing oscillates."""
+    real_time_factor: float
+    """Simulated seconds a second of simulation, drawing and compilation apart."""
+    energy_start: dict[str, float]
+    energy_end: dict[str, float]
+    max_strain: float
+    """Largest strain of any measured instant [1]."""
+    state_sha256: str
+    """Hash of final positions and velocities: equal for equal trajectories."""
+    seconds: dict[str, float]
+    versions: dict[str, str]
+
+
+def run(scene: Scene, options: RunOptions, progress: ProgressReport | None = None) -> Summary:
+    """Simulate a scene to its duration and leave the run folder.
+
+    Raises SceneError (wrong input), and DivergedError after the folder with everything up to the
+    last good state was written.
+    """
+    _check_options(options)
+    start = clock.perf_counter()
+    folder = RunFolder(options.folder)
+    try:
+        recorder = _Recorder(scene, options, folder, start)
+        failure: BaseException | None = None
+        try:
+            recorder.record(progress or NoProgress())
+        except (DivergedError, KeyboardInterrupt) as error:
+            failure = error
+        summary = recorder.finish(failure)
+    except OSError as error:
+        folder.discard()
+        raise SandboxError(f"{folder.path}: cannot be written: {error.strerror or error}") from None
+    except BaseException:
+        folder.discard()
+        raise
+    if failure is not None:
+        raise failure
+    return summary
+
+
+def _check_options(options: RunOptions) -> None:
+    for name, value, allowed in (("renderer", options.renderer, RENDERERS), ("video", options.video, VIDEOS)):
+        if value not in allowed:
+            raise SceneError(f"--{name} {value}: must be one of {', '.join(allowed)}")
+
+
+class _Recorder:
+    """The parts of one run: simulation, renderer, writers, and what is remembered for the summary."""
+
+    def __init__(self, scene: Scene, options: RunOptions, folder: RunFolder, start: float) -> None:
+        self.scene, self.options, self.folder, self.start = scene, options, folder, start
+        self.timings = Timings()
+        self.simulation = Simulation(
+            scene,
+            arch=options.arch,
+            precision=options.precision,
+            threads=options.threads,
+            verbose=options.verbose,
+        )
+        if options.resume is not None:
+            self._resume(options.resume)
+        self.stable_dt = self.simulation.initial_stable_dt
+        self.renderer, self.values = self._open_renderer()
+        video = "none" if isinstance(self.renderer, NullRenderer) else options.video
+        self.writer: PictureWriter = open_writer(folder.partial, video, scene.render.fps)
+        self.metrics = MetricsWriter(folder.partial / "metrics.csv", scene.dimension)
+        self.first = self.simulation.measure()
+        self.max_strain = self.first.max_strain
+        self.poster: NDArray[np.uint8] | None = None
+        self.poster_merit = -math.inf
+        self.pictures = 0
+        self.begin = self.simulation.time
+        self.timings.setup = clock.perf_counter() - start
+
+    def _resume(self, path: Path) -> None:
+        saved = checkpoint.read(path)
+        shape = (self.simulation.particle_count, self.scene.dimension)
+        if saved.positions.shape != shape:
+            raise SceneError(f"{path}: holds {saved.positions.shape[0]} particles, the scene has {shape[0]}")
+        if saved.time >= self.scene.duration:
+            raise SceneError(
+                f"{path}: is at {saved.time:g} s already, the run ends at {self.scene.duration:g} s; raise --seconds"
+            )
+        self.simulation.set_state(saved.positions, saved.velocities, saved.time)
+
+    def _open_renderer(self) -> tuple[Renderer, ParticleValues | None]:
+        appearance = self.simulation.assembly.appearance
+        renderer = create_renderer(self.options.renderer, appearance, self.scene.render)
+        if isinstance(renderer, NullRenderer) or self.scene.render.color is ColorBy.BODY:
+            return renderer, None
+        values = ParticleValues(self.simulation, self.scene.render.color)
+        if self.scene.render.color_max is None:
+            renderer.set_color_max(values.expected_largest())
+        return renderer, values
+
+    def record(self, progress: ProgressReport) -> None:
+        """Every picture from the start to the scene's duration."""
+        simulation, duration = self.simulation, self.scene.duration
+        self.metrics.write(0, simulation.time, self.first)
+        frame = 1.0 / self.scene.render.fps
+        count = max(1, math.ceil((duration - self.begin) / frame - 1e-6))
+        for number in range(1, count + 1):
+            ahead = min(self.begin + number * frame, duration) - simulation.time
+            with self.timings.measure("simulate"):
+                simulation.advance(ahead)
+                measured = simulation.measure()
+            if number == 1:
+                self.timings.first_step = clock.perf_counter() - self.start
+            self.max_strain = max(self.max_strain, measured.max_strain)
+            self.metrics.write(number, simulation.time, measured)
+            self._draw(number, count, measured.energy.elastic)
+            progress.update(simulation.time, self._real_time_factor())
+
+    def _draw(self, number: int, count: int, elastic: float) -> None:
+        if isinstance(self.renderer, NullRenderer):
+            return
+        state = self.simulation.state
+        with self.timings.measure("render"):
+            values = None if self.values is None else self.values.update()
+            picture = self.renderer.draw(state.x, state.slot, values)
+        with self.timings.measure("encode"):
+            self.writer.write(picture)
+        self.pictures += 1
+        # The poster shows the moment of largest deformation; without springs, the middle of the run.
+        merit = elastic if self.simulation.spring_count else -abs(number - 0.5 * count)
+        if merit > self.poster_merit:
+            self.poster, self.poster_merit = picture, merit
+
+    def _real_time_factor(self) -> float:
+        # The first advance compiles; it says nothing of speed unless it is all there is.
+        times = self.timings.simulate
+        spent = sum(times[1:]) if len(times) > 1 else sum(times)
+        simulated = self.simulation.time - self.begin
+        share = (len(times) - 1) / len(times) if len(times) > 1 else 1.0
+        return simulated * share / spent if spent > 0.0 else 0.0
+
+    def finish(self, failure: BaseException | None) -> Summary:
+        """Close all files, write the rest, and publish the folder."""
+        self.writer.close()
+        self.metrics.close()
+        self.renderer.close()
+        if self.poster is not None:
+            iio.imwrite(self.folder.partial / "poster.png", self.poster)
+        self.folder.write_text("scene.toml", to_toml(self.scene))
+        self.simulation.save(self.folder.partial / "checkpoint.npz")
+        names = sorted([entry.name for entry in self.folder.partial.iterdir()] + ["summary.json"])
+        summary = self._summary(failure, names)
+        self.folder.write_json("summary.json", asdict(summary))
+        self.folder.publish()
+        return summary
+
+    def _summary(self, failure: BaseException | None, files: list[str]) -> Summary:
+        simulation = self.simulation
+        status = {type(None): "done", DivergedError: "diverged"}.get(type(failure), "interrupted")
+        return Summary(
+            name=self.options.name,
+            title=self.scene.title,
+            status=status,
+            message="" if failure is None else str(failure),
+            folder=os.fspath(self.folder.path),
+            files=files,
+            simulated=simulation.time,
+            pictures=self.pictures,
+            particles=simulation.particle_count,
+            springs=simulation.spring_count,
+            integrator=str(self.scene.solver.integrator),
+            precision=simulation.precision,
+            arch=self.options.arch,
+            threads=self.options.threads,
+            dt=simulation.dt,
+            stable_dt=self.stable_dt if math.isfinite(self.stable_dt) else None,
+            real_time_factor=self._real_time_factor(),
+            energy_start=_energies(self.first.energy),
+            energy_end=_energies(simulation.energy()),
+            max_strain=self.max_strain,
+            state_sha256=_hash(simulation),
+            seconds=self.timings.summary(clock.perf_counter() - self.start),
+            versions={"sandbox": __version__, "python": platform.python_version(), "numpy": np.__version__},
+        )
+
+
+def _energies(energy: Any) -> dict[str, float]:
+    return {**asdict(energy), "total": energy.total}
+
+
+def _hash(simulation: Simulation) -> str:
+    digest = hashlib.sha256()
+    for values in (simulation.positions(), simulation.velocities()):
+        digest.update(np.ascontiguousarray(values).tobytes())
+    return digest.hexdigest()
+
+
+__all__ = ["RENDERERS", "VIDEOS", "RunOptions", "Summary", "run"]
