@@ -28,6 +28,8 @@ class Checkpoint:
     """[m], shape (particle_count, dimension), scene order."""
     velocities: NDArray[np.float64]
     """[m/s], shape (particle_count, dimension), scene order."""
+    force_velocities: NDArray[np.float64]
+    """Velocities that forces see [m/s]: ``velocities``, or the scheme's prediction of them."""
     arch: str
     precision: str
 
@@ -42,6 +44,7 @@ def write(path: str | os.PathLike[str], checkpoint: Checkpoint) -> None:
             time=checkpoint.time,
             positions=checkpoint.positions,
             velocities=checkpoint.velocities,
+            force_velocities=checkpoint.force_velocities,
             arch=np.array(checkpoint.arch),
             precision=np.array(checkpoint.precision),
         )
@@ -58,6 +61,7 @@ def read(path: str | os.PathLike[str]) -> Checkpoint:
                 time=float(data["time"]),
                 positions=np.asarray(data["positions"], dtype=np.float64),
                 velocities=np.asarray(data["velocities"], dtype=np.float64),
+                force_velocities=np.asarray(data["force_velocities"], dtype=np.float64),
                 arch=str(data["arch"]),
                 precision=str(data["precision"]),
             )

@@ -192,7 +192,7 @@ class _Recorder:
             raise SceneError(
                 f"{path}: is at {saved.time:g} s already, the run ends at {self.scene.duration:g} s; raise --seconds"
             )
-        self.simulation.set_state(saved.positions, saved.velocities, saved.time)
+        self.simulation.set_state(saved.positions, saved.velocities, saved.time, saved.force_velocities)
 
     def _open_renderer(self) -> tuple[Renderer, ParticleValues | None]:
         appearance = self.simulation.assembly.appearance

@@ -79,7 +79,7 @@ class Simulation:
         self.serial = (arch == "cpu" and work <= SERIAL_WORK) if serial is None else serial
         self._network = _spring_network(self.assembly)
         self._pipeline: _Pipeline | None = None
-        self._asleep = (self.assembly.positions, self.assembly.velocities)
+        self._asleep = (self.assembly.positions, self.assembly.velocities, self.assembly.velocities)
         self._measurement: Measurement | None = None
         self._check_start()
         self.initial_stable_dt = self._stable_dt(self.assembly.positions)
@@ -161,11 +161,25 @@ class Simulation:
         """Particle velocities [m/s], shape (particle_count, dimension), in the scene's order."""
         return self.assembly.scene_order(self._read()[1])
 
-    def set_state(self, positions: FloatArray, velocities: FloatArray, time: float | None = None) -> None:
-        """Replace the state [m], [m/s], each (particle_count, dimension) in the scene's order, and the time [s]."""
+    def force_velocities(self) -> FloatArray:
+        """Velocities that forces see [m/s], like :meth:`velocities`: these, or the scheme's prediction of them."""
+        return self.assembly.scene_order(self._read()[2])
+
+    def set_state(
+        self,
+        positions: FloatArray,
+        velocities: FloatArray,
+        time: float | None = None,
+        force_velocities: FloatArray | None = None,
+    ) -> None:
+        """Replace the state [m], [m/s], each (particle_count, dimension) in the scene's order, and the time [s].
+
+        ``force_velocities`` are what :meth:`force_velocities` gave, to continue a trajectory bit for bit.
+        """
         shape = (self.particle_count, self.assembly.dimension)
         arrays = []
-        for name, values in (("positions", positions), ("velocities", velocities)):
+        seen = velocities if force_velocities is None else force_velocities
+        for name, values in (("positions", positions), ("velocities", velocities), ("force velocities", seen)):
             array = np.asarray(values, dtype=np.float64)
             if array.shape != shape or not np.isfinite(array).all():
                 raise SceneError(f"{name}: must be finite numbers of shape {shape}, got shape {array.shape}")
@@ -245,11 +259,11 @@ class Simulation:
         pipeline = self._wake()
         pipeline.state.restore()
         good = pipeline.state.read()
-        before, time = good, self.time
+        before, time = good[:2], self.time
         for step in range(1, steps + 1):
             pipeline.stepper.advance(1, dt)
             time = self.time + step * dt
-            after = pipeline.state.read()
+            after = pipeline.state.read()[:2]
             if self._out_of_bounds(pipeline.diagnostics.measure()):
                 break
             before = after
@@ -270,7 +284,13 @@ class Simulation:
         checkpoint.write(
             path,
             checkpoint.Checkpoint(
-                self.scene, self.time, self.positions(), self.velocities(), settings.arch, settings.precision
+                scene=self.scene,
+                time=self.time,
+                positions=self.positions(),
+                velocities=self.velocities(),
+                force_velocities=self.force_velocities(),
+                arch=settings.arch,
+                precision=settings.precision,
             ),
         )
 
@@ -279,7 +299,7 @@ class Simulation:
         """The simulation of a checkpoint. Raises SceneError where the file is none."""
         saved = checkpoint.read(path)
         simulation = cls(saved.scene, arch=arch or saved.arch, precision=saved.precision, threads=threads)
-        simulation.set_state(saved.positions, saved.velocities, saved.time)
+        simulation.set_state(saved.positions, saved.velocities, saved.time, saved.force_velocities)
         return simulation
 
     def suspend(self) -> None:
@@ -301,7 +321,7 @@ class Simulation:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _read(self) -> tuple[FloatArray, FloatArray]:
+    def _read(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         return self._asleep if self._pipeline is None else self._pipeline.state.read()
 
     def _wake(self) -> _Pipeline:

@@ -55,17 +55,23 @@ class ParticleState:
         self._write_masses(assembly.masses, assembly.inverse_masses)
         self.write(assembly.positions, assembly.velocities)
 
-    def write(self, positions: FloatArray, velocities: FloatArray) -> None:
-        """Set the state [m], [m/s], each of shape (particle_count, dimension), internal order."""
-        self.slot = 0
-        self._write(np.ascontiguousarray(positions), np.ascontiguousarray(velocities))
+    def write(self, positions: FloatArray, velocities: FloatArray, force_velocities: FloatArray | None = None) -> None:
+        """Set the state [m], [m/s], each of shape (particle_count, dimension), internal order.
 
-    def read(self) -> tuple[FloatArray, FloatArray]:
-        """Positions [m] and velocities [m/s], each (particle_count, dimension), internal order, f64."""
-        positions = np.empty((self.count, self.dimension))
-        velocities = np.empty_like(positions)
-        self._read(self.slot, positions, velocities)
-        return positions, velocities
+        ``force_velocities`` are a scheme's predictions; without them it starts from the velocities.
+        """
+        self.slot = 0
+        seen = velocities if force_velocities is None else force_velocities
+        self._write(*(np.ascontiguousarray(values) for values in (positions, velocities, seen)))
+
+    def read(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Positions [m], velocities and those that forces see [m/s], each (particle_count, dimension), f64.
+
+        In internal order. Written back they continue the trajectory bit for bit.
+        """
+        arrays = tuple(np.empty((self.count, self.dimension)) for _ in range(3))
+        self._read(self.slot, *arrays)
+        return arrays[0], arrays[1], arrays[2]
 
     def keep(self) -> None:
         """Copy the state into the backup slot."""
@@ -83,28 +89,28 @@ class ParticleState:
             self.inverse_mass[i] = inverse[i]
 
     @ti.kernel
-    def _write(self, positions: ti.types.ndarray(), velocities: ti.types.ndarray()):
+    def _write(self, positions: ti.types.ndarray(), velocities: ti.types.ndarray(), seen: ti.types.ndarray()):
         for i in range(self.count):
             for axis in ti.static(range(self.dimension)):
                 self.x[0, i][axis] = positions[i, axis]
                 self.v[0, i][axis] = velocities[i, axis]
-            self._predict(0, i)
+                if ti.static(self.predicts_velocity):
+                    self.force_velocity[0, i][axis] = seen[i, axis]
 
     @ti.kernel
-    def _read(self, slot: int, positions: ti.types.ndarray(), velocities: ti.types.ndarray()):
+    def _read(
+        self, slot: int, positions: ti.types.ndarray(), velocities: ti.types.ndarray(), seen: ti.types.ndarray()
+    ):
         for i in range(self.count):
             for axis in ti.static(range(self.dimension)):
                 positions[i, axis] = self.x[slot, i][axis]
                 velocities[i, axis] = self.v[slot, i][axis]
+                seen[i, axis] = self.force_velocity[slot, i][axis]
 
     @ti.kernel
     def _copy(self, source: int, target: int):
         for i in range(self.count):
             self.x[target, i] = self.x[source, i]
             self.v[target, i] = self.v[source, i]
-            self._predict(target, i)
-
-    @ti.func
-    def _predict(self, slot, i):
-        if ti.static(self.predicts_velocity):
-            self.force_velocity[slot, i] = self.v[slot, i]
+            if ti.static(self.predicts_velocity):
+                self.force_velocity[target, i] = self.force_velocity[source, i]

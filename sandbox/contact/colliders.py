@@ -148,8 +148,8 @@ class BallCollider(SolidCollider):
             if b < 0.0 and discriminant >= 0.0:
                 fraction = outside / (-b + ti.sqrt(discriminant))  # the form without cancellation
                 hit = fraction <= 1.0
-                place = start + fraction * path
-                normal = (place - self.centre) / reach
+                normal = (start + fraction * path - self.centre).normalized()
+                place = self.centre + reach * normal
         return hit, fraction, place, normal
 
 

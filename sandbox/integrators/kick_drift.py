@@ -124,4 +124,6 @@ class KickDrift:
         self.state.x[1 - slot, i] = x
         self.state.v[1 - slot, i] = v
         if ti.static(self.state.predicts_velocity):
-            self.state.force_velocity[1 - slot, i] = v + ahead * a
+            # The kick that ends an advance repeats the acceleration of the one that begins the next.
+            kept = self.state.force_velocity[slot, i]
+            self.state.force_velocity[1 - slot, i] = ti.select(dt > 0.0, v + ahead * a, kept)
