@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from sandbox.diagnostics import Energy, Measurement
     from sandbox.errors import DivergedError, RuntimeUnavailableError, SandboxError, SceneError
-    from sandbox.run import RunOptions, Summary, run
+    from sandbox.headless import RunOptions, Summary, run
     from sandbox.scene.load import json_schema, load_scene, preset_paths, to_toml
     from sandbox.scene.model import Scene
     from sandbox.simulation import Simulation, StabilityWarning
@@ -49,18 +49,18 @@ _HOMES = {
     "DivergedError": "sandbox.errors",
     "Energy": "sandbox.diagnostics",
     "Measurement": "sandbox.diagnostics",
-    "RunOptions": "sandbox.run",
+    "RunOptions": "sandbox.headless",
     "RuntimeUnavailableError": "sandbox.errors",
     "SandboxError": "sandbox.errors",
     "Scene": "sandbox.scene.model",
     "SceneError": "sandbox.errors",
     "Simulation": "sandbox.simulation",
     "StabilityWarning": "sandbox.simulation",
-    "Summary": "sandbox.run",
+    "Summary": "sandbox.headless",
     "json_schema": "sandbox.scene.load",
     "load_scene": "sandbox.scene.load",
     "preset_paths": "sandbox.scene.load",
-    "run": "sandbox.run",
+    "run": "sandbox.headless",
     "to_toml": "sandbox.scene.load",
 }
 

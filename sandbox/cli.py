@@ -62,13 +62,16 @@ def run(
     """Simulate a scene, draw it, and leave a run folder with video, poster, metrics and checkpoint."""
     shortcuts = {"duration": seconds, "render.fps": fps, "render.size": None if size is None else _size(size)}
     loaded = _load(scene, set_, shortcuts)
-    from sandbox.run import RunOptions
-    from sandbox.run import run as run_scene
+    from sandbox.headless import RunOptions
+    from sandbox.headless import run as run_scene
 
     name = Path(scene).stem
     options = RunOptions(name, out, renderer, video, arch, precision, threads, resume, verbose)
-    with _progress(loaded, quiet or json_) as progress:
-        summary = run_scene(loaded, options, progress)
+    try:
+        with _progress(loaded, quiet or json_) as progress:
+            summary = run_scene(loaded, options, progress)
+    except KeyboardInterrupt:
+        raise SandboxError(f"interrupted; {options.folder} holds what was simulated until then") from None
     if json_:
         typer.echo((options.folder / "summary.json").read_text(encoding="utf-8"), nl=False)
     elif not quiet:

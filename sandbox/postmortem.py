@@ -68,10 +68,11 @@ def describe(
     finite: bool,
 ) -> str:
     """One line: when, which element, how far, its omega dt, and the step [s] that would have been stable."""
-    how = f"strain {failure.strain:.3g}, speed {failure.speed:.3g} m/s" + ("" if finite else ", then not finite")
-    text = f"diverged at t = {time:.6g} s: {failure.element(assembly)}: {how}"
+    how = f"speed {failure.speed:.3g} m/s" + ("" if finite else ", then not finite")
     if failure.spring is not None:
-        text += f", omega dt = {spring_frequencies[failure.spring] * dt:.3g}"
+        how = f"strain {failure.strain:.3g}, {how}, omega dt = {spring_frequencies[failure.spring] * dt:.3g}"
+    text = f"diverged at t = {time:.6g} s: {failure.element(assembly)}: {how}"
     if dt > stable_dt:
         return f"{text}; dt was {dt:.4g} s, stable is {stable_dt:.4g} s: set solver.dt below it, or to auto"
-    return f"{text}; dt = {dt:.4g} s is below the stable {stable_dt:.4g} s: forces outran the bounds of diagnostics"
+    bounds = "its motion left the bounds: lower solver.dt or raise diagnostics.max_strain or max_speed"
+    return f"{text}; dt = {dt:.4g} s is within the stable {stable_dt:.4g} s: {bounds}"

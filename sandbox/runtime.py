@@ -14,6 +14,7 @@ from typing import Any, Protocol
 
 import taichi as ti
 
+from sandbox.compiling import quicken
 from sandbox.errors import RuntimeUnavailableError
 
 ARCHITECTURES = ("cpu", "cuda", "vulkan", "metal")
@@ -55,6 +56,7 @@ def start(arch: str = "cpu", precision: str = "f32", threads: int | None = None,
     if wanted == _current:
         return
     _check(wanted)
+    quicken()
     _stop()
     _initialise(wanted)
     _current = wanted

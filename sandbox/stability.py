@@ -47,17 +47,20 @@ class _Operator:
         slack = np.divide(network.rest_lengths, r, out=np.ones_like(r), where=r > 0.0)
         self.axial = network.stiffness
         self.transverse = network.stiffness * np.clip(1.0 - slack, 0.0, None)
+        self.stretched = bool(self.transverse.any())
         self.damping = network.damping
         self.scale = np.sqrt(network.inverse_masses)[:, None]
         self.shape = positions.shape
 
-    def products(self, vector: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Stiffness and damping matrices, mass-weighted, times a vector of shape (N, d)."""
+    def product(self, vector: FloatArray, stiffness_factor: float, damping_factor: float) -> FloatArray:
+        """The operator times a vector of shape (N, d)."""
         u = self.scale * vector
         relative = u[self.b] - u[self.a]
-        along = (relative * self.direction).sum(axis=1)[:, None] * self.direction
-        stiff = self.axial[:, None] * along + self.transverse[:, None] * (relative - along)
-        return self._to_particles(stiff), self._to_particles(self.damping[:, None] * along)
+        axial = stiffness_factor * (self.axial - self.transverse) + damping_factor * self.damping
+        forces = ((relative * self.direction).sum(axis=1) * axial)[:, None] * self.direction
+        if self.stretched:
+            forces += (stiffness_factor * self.transverse)[:, None] * relative
+        return self._to_particles(forces)
 
     def _to_particles(self, forces: FloatArray) -> FloatArray:
         result = np.empty(self.shape)
@@ -123,15 +126,11 @@ def _largest(
 ) -> tuple[float, float, float, FloatArray]:
     """Lanczos on h^2 K + w h C: stiffness and damping Rayleigh quotients of the top mode, residual, mode."""
 
-    def apply(vector: FloatArray) -> FloatArray:
-        stiff, damped = operator.products(vector)
-        return np.asarray(step**2 * stiff + weight * step * damped)
-
     basis = [start / np.linalg.norm(start)]
     diagonal: list[float] = []
     beside: list[float] = []
     for _ in range(min(_MOST_ITERATIONS, start.size)):
-        image = apply(basis[-1])
+        image = operator.product(basis[-1], step**2, weight * step)
         diagonal.append(float((image * basis[-1]).sum()))
         image -= diagonal[-1] * basis[-1]
         if len(basis) > 1:
@@ -149,5 +148,5 @@ def _largest(
         basis.append(image / beside[-1])
     mode = sum(weight_ * vector for weight_, vector in zip(vectors[:, -1], basis, strict=False))
     mode = mode / np.linalg.norm(mode)
-    stiff, damped = operator.products(mode)
-    return float((stiff * mode).sum()), float((damped * mode).sum()), float(residual), mode
+    stiff, damped = (float((operator.product(mode, *factors) * mode).sum()) for factors in ((1.0, 0.0), (0.0, 1.0)))
+    return stiff, damped, float(residual), mode

@@ -98,9 +98,7 @@ class ParticleState:
                     self.force_velocity[0, i][axis] = seen[i, axis]
 
     @ti.kernel
-    def _read(
-        self, slot: int, positions: ti.types.ndarray(), velocities: ti.types.ndarray(), seen: ti.types.ndarray()
-    ):
+    def _read(self, slot: int, positions: ti.types.ndarray(), velocities: ti.types.ndarray(), seen: ti.types.ndarray()):
         for i in range(self.count):
             for axis in ti.static(range(self.dimension)):
                 positions[i, axis] = self.x[slot, i][axis]

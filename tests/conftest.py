@@ -35,7 +35,9 @@ def oscillator(integrator: str, dt: float | str, damping_ratio: float = 0.0, sta
     )
 
 
-def falling_point(velocity: tuple[float, ...] = (0.0, 0.0), position: tuple[float, ...] = (0.0, 1.0), **more: Any) -> Scene:
+def falling_point(
+    velocity: tuple[float, ...] = (0.0, 0.0), position: tuple[float, ...] = (0.0, 1.0), **more: Any
+) -> Scene:
     """One particle of 1 kg, without springs."""
     more.setdefault("dimension", len(position))
     more.setdefault("solver", {"dt": 1e-3, "precision": "f64"})

@@ -26,6 +26,7 @@ class RunFolder:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self._made = not path.exists()
         try:
             path.mkdir(parents=True, exist_ok=True)
             self._clear_left_over()
@@ -66,6 +67,9 @@ class RunFolder:
     def discard(self) -> None:
         """Drop what was collected; an earlier run's files stay."""
         shutil.rmtree(self.partial, ignore_errors=True)
+        if self._made:
+            with contextlib.suppress(OSError):
+                self.path.rmdir()
 
 
 def _remove(path: Path) -> None:

@@ -34,15 +34,21 @@ class ProgressBar:
         )
         self._task = self._progress.add_task(title, total=seconds, simulated=0.0, factor=0.0)
 
+        self._started = False
+
     def __enter__(self) -> "ProgressBar":
-        self._progress.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._progress.stop()
+        if self._started:
+            self._progress.stop()
 
     def update(self, simulated: float, real_time_factor: float) -> None:
         """Show ``simulated`` [s] as done, at ``real_time_factor`` simulated seconds a second."""
+        # Not before there is something to show: a wrong input is one line, without a bar above it.
+        if not self._started:
+            self._progress.start()
+            self._started = True
         self._progress.update(self._task, completed=simulated, simulated=simulated, factor=real_time_factor)

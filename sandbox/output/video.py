@@ -24,18 +24,19 @@ class VideoWriter:
     """H.264 (.mp4) or VP9 (.webm) through imageio's pyav plugin, yuv420p so that every player shows it."""
 
     def __init__(self, path: Path, kind: str, fps: float) -> None:
-        self._file: Any = iio.imopen(path, "w", plugin="pyav", extension=f".{kind}")
-        self._file.init_video_stream(_CODECS[kind], fps=float(fps), pixel_format="yuv420p")
-        self._empty = True
+        self._path, self._kind, self._fps = path, kind, fps
+        self._file: Any = None
 
     def write(self, picture: Picture) -> None:
-        """Append one picture."""
+        """Append one picture. The first one opens the file: a video without pictures is none."""
+        if self._file is None:
+            self._file = iio.imopen(self._path, "w", plugin="pyav", extension=f".{self._kind}")
+            self._file.init_video_stream(_CODECS[self._kind], fps=float(self._fps), pixel_format="yuv420p")
         self._file.write_frame(picture)
-        self._empty = False
 
     def close(self) -> None:
         """Finish the file."""
-        if not self._empty:
+        if self._file is not None:
             self._file.close()
 
 

@@ -165,7 +165,12 @@ def _describe(error: ValidationError, data: Any, source: str, overridden: Iterab
             break
     more = len({_dotted(_real_location(e["loc"], data)) for e in errors}) - 1
     tail = f" (and {more} more)" if more else ""
-    return f"{source}: {where}{': ' if where else ''}{_message(first)}{tail}"
+    message = _message(first)
+    for other in errors[1:]:
+        # The other way to write a union, such as solver.dt = "auto".
+        if other["type"] == "literal_error" and _real_location(other["loc"], data) == parts:
+            message = message.replace(", got", f" or {other['ctx']['expected']}, got")
+    return f"{source}: {where}{': ' if where else ''}{message}{tail}"
 
 
 def _real_location(location: tuple[int | str, ...], data: Any) -> list[int | str]:

@@ -229,7 +229,7 @@ class Body(Model):
     """One soft body: a shape, where it starts, what it is made of."""
 
     name: str = Field(min_length=1, description="name, for messages and tables")
-    shape: Shape
+    shape: Shape = Field(description="what the body looks like and which springs it has")
     position: Vector | None = Field(None, description="where the shape's centre starts [m]; default: the origin")
     rotation: Rotation = Field(0.0, description=ROTATION_HELP)
     velocity: Vector | None = Field(None, description="initial velocity [m/s]")
@@ -239,7 +239,7 @@ class Body(Model):
     radius: NonNegative = Field(0.0, description="radius of the body's particles, for contact and drawing [m]")
     color: Color | None = Field(None, description="colour as #rrggbb; by default from a palette")
     material: Material = Material()
-    pin: Pin | None = None
+    pin: Pin | None = Field(None, description="particles that never move")
 
 
 class HalfSpace(Model):
@@ -250,7 +250,7 @@ class HalfSpace(Model):
     normal: Direction = Field(description="out of the solid; any length")
     restitution: Fraction = Field(0.0, description="normal speed kept by a bounce [1]")
     friction: NonNegative = Field(0.0, description="Coulomb friction [1]")
-    color: Color | None = None
+    color: Color | None = Field(None, description="colour as #rrggbb (sRGB)")
 
 
 class SphereCollider(Model):
@@ -261,7 +261,7 @@ class SphereCollider(Model):
     radius: Positive = Field(description="radius [m]")
     restitution: Fraction = Field(0.0, description="normal speed kept by a bounce [1]")
     friction: NonNegative = Field(0.0, description="Coulomb friction [1]")
-    color: Color | None = None
+    color: Color | None = Field(None, description="colour as #rrggbb (sRGB)")
 
 
 class BoxCollider(Model):
@@ -273,7 +273,7 @@ class BoxCollider(Model):
     rotation: Rotation = Field(0.0, description=ROTATION_HELP)
     restitution: Fraction = Field(0.0, description="normal speed kept by a bounce [1]")
     friction: NonNegative = Field(0.0, description="Coulomb friction [1]")
-    color: Color | None = None
+    color: Color | None = Field(None, description="colour as #rrggbb (sRGB)")
 
 
 Collider = Annotated[HalfSpace | SphereCollider | BoxCollider, Field(discriminator="kind")]

@@ -7,7 +7,7 @@ from sandbox.scene.lattice import FloatArray, IntArray
 
 # Half the particles of a core's second-level cache (512 KiB at 48 bytes a particle): below it every
 # order is equally good, above it a spring whose ends are further apart than this misses the cache.
-_CACHED_PARTICLES = 5_000
+_CACHED_PARTICLES = 4_000
 
 
 def locality_order(positions: FloatArray, particle_body: IntArray, springs: IntArray) -> NDArray[np.int64]:

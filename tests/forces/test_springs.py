@@ -103,7 +103,9 @@ def lattice(dimension: int, bracing: str = "face", cells: int = 3, size: float =
 
 
 @pytest.mark.parametrize("cells", [1, 2, 3])
-@pytest.mark.parametrize(("dimension", "bracing", "poisson"), [(2, "face", 1 / 3), (3, "face", 0.25), (3, "body", 0.25)])
+@pytest.mark.parametrize(
+    ("dimension", "bracing", "poisson"), [(2, "face", 1 / 3), (3, "face", 0.25), (3, "body", 0.25)]
+)
 def test_lattice_has_youngs_modulus_in_every_direction(simulate, dimension, bracing, poisson, cells):
     """Pull along several directions and let the sides contract: the energy is E strain^2 V / 2, whatever the cells.
 

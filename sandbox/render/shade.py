@@ -1,0 +1,197 @@
+"""The last pass: shade the pixels of the tiles that may have changed."""
+
+import taichi as ti
+
+from sandbox.render.palette import ENCODE_MAX, ENCODE_SIZE
+from sandbox.render.raster import hit_capsule, sample_key, sample_offset
+from sandbox.render.shadow import is_shadow_near, turn_at, visibility
+from sandbox.render.surface import SEEP_BELOW, jelly
+from sandbox.render.types import (
+    Floats,
+    Image2,
+    Image3,
+    Ints,
+    Ints2,
+    Picture3,
+    Points,
+    SampleDepths,
+    Samples,
+    vec2,
+    vec3,
+)
+from sandbox.render.view import EYE, FOCAL, FORWARD, LIGHT, ROUND_BIT, TEXELS, TILE, at3, light_slope, ray, to_light
+
+STEEP = 8.0
+"""Depth over a pixel, in widths of a pixel, above which its samples are taken to be different surfaces."""
+
+
+@ti.func
+def identity_of(key):
+    """Identity half of a sample."""
+    return ti.cast(key & ti.u64(0xFFFFFFFF), ti.i32)
+
+
+@ti.func
+def nearness_of(key):
+    """Inverse depth half of a sample [1/m]."""
+    return ti.bit_cast(ti.cast(key >> ti.u64(32), ti.u32), ti.f32)
+
+
+@ti.func
+def corner_weights(a, b, c, x, y):
+    """Perspective-correct weights of a triangle's screen corners at (x, y), drawn inside where it is outside."""
+    area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x)
+    px, py = x - a.x, y - a.y
+    wb = (px * (c.y - a.y) - py * (c.x - a.x)) / area
+    wc = (py * (b.x - a.x) - px * (b.y - a.y)) / area
+    w = vec3(ti.max(1.0 - wb - wc, 0.0) * a.z, ti.max(wb, 0.0) * b.z, ti.max(wc, 0.0) * c.z)
+    return w / (w.x + w.y + w.z)
+
+
+@ti.func
+def colormap_at(colormap: ti.template(), value):
+    """Colour of a value in [0, 1]."""
+    last = colormap.shape[0] // 3 - 1
+    at = value * ti.cast(last, ti.f32)
+    k = ti.min(ti.cast(at, ti.i32), last - 1)
+    f = at - ti.cast(k, ti.f32)
+    return at3(colormap, 3 * k) * (1.0 - f) + at3(colormap, 3 * k + 3) * f
+
+
+@ti.func
+def encode(table: ti.template(), linear):
+    """8-bit sRGB of linear light."""
+    at = ti.sqrt(ti.min(ti.max(linear, 0.0), ENCODE_MAX) * (1.0 / ENCODE_MAX)) * (ENCODE_SIZE - 1.0)
+    return ti.cast(table[ti.cast(at + 0.5, ti.i32)], ti.u8)
+
+
+@ti.func
+def round_surface(start: ti.template(), end: ti.template(), radius: ti.template(), view: ti.template(), i, x, y):
+    """Point and normal of a capsule along the ray through (x, y), and how far along its axis that is, in [0, 1]."""
+    a, b = start[i], end[i]
+    eye, direction = at3(view, EYE), ray(view, x, y)
+    middle = (0.5 * (a + b) - eye).dot(at3(view, FORWARD))
+    origin = eye + direction * middle
+    found, t = hit_capsule(origin, direction, a, b, radius[i])
+    p = origin + direction * t * ti.cast(found, ti.f32)
+    axis = b - a
+    along = ti.min(ti.max((p - a).dot(axis) / ti.max(axis.dot(axis), 1e-20), 0.0), 1.0)
+    n = p - (a + axis * along)
+    return p, n * (1.0 / ti.sqrt(ti.max(n.dot(n), 1e-20))), along
+
+
+@ti.func
+def is_one_surface(samples: ti.template(), triangle_body: ti.template(), view: ti.template(), y, x):
+    """True where the four samples of a pixel lie on one smooth surface."""
+    first = samples[y, x, 0]
+    one = identity_of(first)
+    same, near, far = True, nearness_of(first), nearness_of(first)
+    for s in ti.static(range(1, 4)):
+        key = samples[y, x, s]
+        other = identity_of(key)
+        near, far = ti.max(near, nearness_of(key)), ti.min(far, nearness_of(key))
+        if other != one:
+            if one <= 0 or other <= 0 or one >= ROUND_BIT or other >= ROUND_BIT:
+                same = False
+            elif triangle_body[one - 1] != triangle_body[other - 1]:
+                same = False
+    return same and (one == 0 or (near - far) * view[FOCAL] < STEEP * near)
+
+
+@ti.kernel
+def shade_tiles(
+    by_value: ti.template(),
+    tile_list: Ints,
+    tiles: Ints2,
+    light_tiles: Ints2,
+    samples: Samples,
+    depths: SampleDepths,
+    shadow_map: Ints2,
+    shadow_block: Ints2,
+    ambient: Image3,
+    key: Image3,
+    place: Image3,
+    slope: Image2,
+    view: Floats,
+    disk: Floats,
+    table: Ints,
+    triangles: Ints,
+    triangle_body: Ints,
+    body_open: Ints,
+    body_color: Floats,
+    world: Points,
+    normal: Points,
+    screen: Points,
+    particles: Ints,
+    round_start: Points,
+    round_end: Points,
+    round_radius: Floats,
+    round_body: Ints,
+    round_ends: Ints,
+    values: Floats,
+    colormap: Floats,
+    picture: Picture3,
+):
+    """Shade every pixel of the listed tiles, write it, and take what moves out of its samples."""
+    for entry in range(tile_list[0]):
+        tile = tile_list[entry + 1]
+        ty, tx = tile // tiles.shape[1], tile % tiles.shape[1]
+        eye, light = at3(view, EYE), at3(view, LIGHT)
+        for y in range(ty * TILE, ti.min((ty + 1) * TILE, samples.shape[0])):
+            for x in range(tx * TILE, ti.min((tx + 1) * TILE, samples.shape[1])):
+                count = 4
+                if is_one_surface(samples, triangle_body, view, y, x):
+                    count = 1
+                total, color, before = vec3(0.0, 0.0, 0.0), vec3(0.0, 0.0, 0.0), -1
+                for s in range(count):
+                    identity = identity_of(samples[y, x, s])
+                    if identity != before:
+                        before = identity
+                        p, n, albedo = eye, light, vec3(0.0, 0.0, 0.0)
+                        at, tilt, shaded = place[y, x], slope[y, x], key[y, x].x > 0.0
+                        if identity != 0:
+                            dx, dy = 0.0, 0.0
+                            if count == 4:
+                                dx, dy = sample_offset(s)
+                            px, py = ti.cast(x, ti.f32) + 0.5 + dx, ti.cast(y, ti.f32) + 0.5 + dy
+                            body, value, is_open = 0, 0.0, False
+                            if identity < ROUND_BIT:
+                                t = identity - 1
+                                i, j, k = triangles[3 * t], triangles[3 * t + 1], triangles[3 * t + 2]
+                                w = corner_weights(screen[i], screen[j], screen[k], px, py)
+                                p = world[i] * w.x + world[j] * w.y + world[k] * w.z
+                                n = (normal[i] * w.x + normal[j] * w.y + normal[k] * w.z).normalized(1e-12)
+                                body = triangle_body[t]
+                                is_open = body_open[body] != 0
+                                if ti.static(by_value):
+                                    value = values[particles[i]] * w.x + values[particles[j]] * w.y
+                                    value += values[particles[k]] * w.z
+                            else:
+                                i = identity - ROUND_BIT
+                                p, n, along = round_surface(round_start, round_end, round_radius, view, i, px, py)
+                                body = round_body[i]
+                                if ti.static(by_value):
+                                    value = values[round_ends[2 * i]] * (1.0 - along)
+                                    value += values[round_ends[2 * i + 1]] * along
+                            if ti.static(by_value):
+                                albedo = colormap_at(colormap, value)
+                            else:
+                                albedo = at3(body_color, 3 * body)
+                            if is_open and n.dot(eye - p) < 0.0:
+                                n = -n
+                            facing = light_slope(view, n)
+                            at = to_light(view, p + n * (1.0 / view[TEXELS]))
+                            tilt, shaded = vec2(facing.x, facing.y), facing.z > SEEP_BELOW
+                        seen = 1.0
+                        if shaded and is_shadow_near(light_tiles, at):
+                            seen = visibility(shadow_map, shadow_block, view, disk, turn_at(disk, x, y), at, tilt)
+                        if identity == 0:
+                            color = ambient[y, x] + key[y, x] * seen
+                        else:
+                            color = jelly(albedo, n, (eye - p).normalized(), light, seen, 1.0)
+                    total += color
+                total *= 1.0 / ti.cast(count, ti.f32)
+                for channel in ti.static(range(3)):
+                    picture[y, x, channel] = encode(table, total[channel])
+                for s in range(4):
+                    samples[y, x, s] = sample_key(depths[y, x, s], 0)

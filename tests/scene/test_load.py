@@ -1,0 +1,213 @@
+"""Loading scenes: presets, overrides, round trips, and one clear line for whatever is wrong."""
+
+import json
+import tomllib
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from sandbox import SceneError, json_schema, load_scene, preset_paths, to_toml
+from sandbox.scene.assemble import assemble
+from sandbox.scene.load import parse_assignment, scene_from_data
+
+VALID = {
+    "dimension": 2,
+    "gravity": [0.0, -9.81],
+    "bodies": [
+        {
+            "name": "box",
+            "shape": {"kind": "box", "size": [1.0, 1.0], "cells": [2, 2]},
+            "material": {"youngs_modulus": 1e4, "damping_ratio": 0.1},
+        }
+    ],
+    "colliders": [{"kind": "half_space", "point": [0, 0], "normal": [0, 1]}],
+}
+
+
+def test_every_preset_loads_and_survives_a_round_trip_through_toml():
+    assert {"jelly", "rope", "drop_2d"} <= set(preset_paths())
+    for name in preset_paths():
+        scene = load_scene(name)
+        assert scene.title and scene.description
+        assert scene_from_data(tomllib.loads(to_toml(scene)), None) == scene
+
+
+def test_jelly_has_at_least_4000_particles():
+    assert assemble(load_scene("jelly")).particle_count >= 4000
+
+
+def test_overrides_reach_tables_that_are_not_there_and_lists_in_both_notations():
+    overrides = {"solver.dt": 1e-4, "bodies.0.material.youngs_modulus": 5.0, "bodies[0].position": [1.0, 2.0]}
+    scene = scene_from_data(VALID, overrides)
+    assert scene.solver.dt == 1e-4
+    assert scene.bodies[0].material.youngs_modulus == 5.0
+    assert scene.bodies[0].position == (1.0, 2.0)
+    assert "solver" not in VALID  # the data given are left alone
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("solver.dt=1e-4", ("solver.dt", 1e-4)),
+        ("a.b=[1, 2]", ("a.b", [1, 2])),
+        ("solver.integrator=velocity_verlet", ("solver.integrator", "velocity_verlet")),
+        ('title="a = b"', ("title", "a = b")),
+        ("render.struts=true", ("render.struts", True)),
+    ],
+)
+def test_assignments(text, expected):
+    assert parse_assignment(text) == expected
+
+
+def changed(path: str, value: object) -> dict:
+    data = json.loads(json.dumps(VALID))
+    node = data
+    *way, last = path.split(".")
+    for part in way:
+        node = node[int(part)] if isinstance(node, list) else node.setdefault(part, {})
+    node[int(last) if isinstance(node, list) else last] = value
+    return data
+
+
+CUSTOM = {"kind": "custom", "points": [[0, 0], [1, 0]]}
+WRONG = [
+    ("colour", 1, "colour: unknown key; did you mean color?"),
+    ("bodies.0.material.stifness", 1.0, "bodies[0].material.stifness: unknown key; did you mean stiffness?"),
+    ("bodies.0.material.stiffness", -3, "bodies[0].material.stiffness: must be > 0, got -3"),
+    ("bodies.0.material.stiffness", "hard", "bodies[0].material.stiffness: must be a number, got 'hard'"),
+    ("bodies.0.material.stiffness", True, "bodies[0].material.stiffness: must be a number, got True"),
+    ("bodies.0.material.stiffness", 3.0, "bodies[0].material: give stiffness or youngs_modulus, not both"),
+    ("bodies.0.material.mass", -1.0, "bodies[0].material.mass: must be > 0, got -1.0"),
+    ("bodies.0.material.density", float("inf"), "bodies[0].material.density: must be a finite number, got inf"),
+    ("bodies.0.shape.size", [1.0, 0.0], "bodies[0].shape.size: must be > 0 in every direction, got 0.0"),
+    ("bodies.0.shape.size", [1.0, 1.0, 1.0], "bodies[0].shape.size: must have 2 components in a 2D scene, got 3"),
+    ("bodies.0.shape.cells", [2], "bodies[0].shape.cells: must have 2 entries in a 2D scene, got 1"),
+    ("bodies.0.shape.cells", [2.5, 2], "bodies[0].shape.cells[0]: must be a whole number, got 2.5"),
+    ("bodies.0.shape.kind", "bx", "bodies[0].shape: kind must be one of 'box', 'ball', 'rope', 'sheet', 'custom'"),
+    ("bodies.0.shape.springs", [[0, 1]], "bodies[0].shape.springs: unknown key"),
+    (
+        "bodies.0.shape",
+        {**CUSTOM, "springs": [[0, 7]]},
+        "bodies[0].shape: springs[0] names point 7, but there are only 2 (0 to 1)",
+    ),
+    ("bodies.0.shape", {**CUSTOM, "springs": [[1, 1]]}, "bodies[0].shape: springs[0] joins point 1 to itself"),
+    ("bodies.0.shape", {**CUSTOM, "masses": [1.0]}, "masses must have one entry a point (2), got 1"),
+    ("bodies.0.shape", {**CUSTOM, "masses": [1.0, -1.0]}, "bodies[0].shape.masses[1]: must be > 0, got -1.0"),
+    ("bodies.0.shape", {**CUSTOM, "pinned": [-1]}, "bodies[0].shape.pinned[0]: must be >= 0, got -1"),
+    ("bodies.0.shape", {"kind": "sheet", "size": [1, 1], "cells": [1, 1]}, "a sheet needs a 3D scene"),
+    ("bodies.0.rotation", [1.0, 2.0, 3.0], "bodies[0].rotation: must be one number in a 2D scene"),
+    ("bodies.0.name", "", "bodies[0].name: must not be empty"),
+    ("bodies", [], "bodies: must have at least 1 entries, got 0"),
+    ("bodies", 3, "bodies: must be a list, got 3"),
+    ("dimension", 4, "dimension: must be 2 or 3, got 4"),
+    ("gravity", [0.0, 0.0, -9.81], "gravity: must have 2 components in a 2D scene, got 3"),
+    ("solver.dt", -1e-3, "solver.dt: must be > 0 or 'auto', got -0.001"),
+    ("solver.integrator", "rk5", "solver.integrator: must be"),
+    ("colliders.0.normal", [0, 0], "colliders[0].normal: must not be the zero vector"),
+    ("colliders.0.restitution", 1.5, "colliders[0].restitution: must be <= 1, got 1.5"),
+    ("render.size", [1281, 720], "render: size must be even"),
+    ("render.fps", 0, "render.fps: must be > 0, got 0"),
+    ("duration", 0, "duration: must be > 0, got 0"),
+]
+
+
+@pytest.mark.parametrize(("path", "value", "message"), WRONG, ids=[f"{path}-{value}"[:50] for path, value, _ in WRONG])
+def test_wrong_scenes_are_one_line_that_says_where(path, value, message):
+    with pytest.raises(SceneError) as caught:
+        scene_from_data(changed(path, value), None, source="scenes/x.toml")
+    assert str(caught.value).startswith("scenes/x.toml: ")
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+ASSEMBLY = [
+    ("bodies.0.material", {}, "bodies[0].material: give stiffness or youngs_modulus for the springs"),
+    ("bodies.0.shape.cells", [1, 9], "bodies[0].shape.cells: too far from squares or cubes"),
+    ("bodies.0.shape.bracing", "none", "bracing none resists no shear"),
+    ("bodies.0.pin", {"indices": [99]}, "bodies[0].pin.indices[0]: there is no particle 99; the body has 9"),
+    ("bodies.0.pin", {"region": {"min": [5, 5], "max": [6, 6]}}, "bodies[0].pin.region: holds no particle"),
+    ("bodies.0.shape", {**CUSTOM, "springs": [[0, 1]]}, "a custom shape has no lattice; give stiffness"),
+]
+
+
+@pytest.mark.parametrize(("path", "value", "message"), ASSEMBLY, ids=[str(row)[:40] for row in ASSEMBLY])
+def test_parts_that_do_not_fit_together(path, value, message):
+    with pytest.raises(SceneError) as caught:
+        assemble(scene_from_data(changed(path, value), None))
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("key", "message"),
+    [
+        ("solver.foo", "--set solver.foo: solver.foo: unknown key"),
+        ("bodies.7.name", "--set bodies.7.name: bodies.7: there is no such entry; the list has 1"),
+        ("bodies.first.name", "bodies.first: there is no such entry"),
+        ("dimension.x", "--set dimension.x: dimension is not a table"),
+        ("solver..dt", "--set solver..dt: has an empty part"),
+        ("solver.dt", "--set solver.dt: solver.dt: must be a number or 'auto', got 'wrong'"),
+    ],
+)
+def test_bad_overrides_name_the_override(key, message):
+    with pytest.raises(SceneError) as caught:
+        scene_from_data(VALID, {key: "wrong"}, source="x.toml")
+    assert message in str(caught.value)
+
+
+def test_missing_and_broken_files(tmp_path):
+    with pytest.raises(SceneError, match=r"jely: no such preset or file; did you mean jelly\?"):
+        load_scene("jely")
+    with pytest.raises(SceneError, match="cannot be read: No such file"):
+        load_scene(tmp_path / "none.toml")
+    with pytest.raises(SceneError, match="cannot be read: Is a directory"):
+        load_scene(tmp_path)
+    broken = tmp_path / "broken.toml"
+    broken.write_text("dimension = = 2")
+    with pytest.raises(SceneError, match=r"broken.toml: is not TOML: .*line 1"):
+        load_scene(broken)
+    broken.write_bytes(b"\xff\xfe")
+    with pytest.raises(SceneError, match="not UTF-8"):
+        load_scene(broken)
+
+
+def test_schema_describes_every_quantity():
+    schema = json.loads(json_schema())
+    assert schema["properties"]["duration"]["description"] == "simulated time [s]"
+    undescribed = [
+        f"{name}.{key}"
+        for name, part in schema["$defs"].items()
+        for key, entry in part.get("properties", {}).items()
+        if not (entry.get("description") or "$ref" in entry or "const" in entry or "allOf" in entry)
+    ]
+    assert undescribed == []
+
+
+NUMBERS = st.one_of(st.floats(), st.integers(-(10**30), 10**30), st.booleans(), st.none(), st.text(max_size=5))
+TREES = st.recursive(
+    NUMBERS, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=6), inner, max_size=3)
+)
+PATHS = (
+    "dimension gravity duration solver solver.dt bodies bodies.0 bodies.0.shape bodies.0.shape.size bodies.0.shape.cells "
+    "bodies.0.material bodies.0.rotation bodies.0.pin colliders colliders.0 colliders.0.normal render render.camera render.size"
+).split()
+
+
+@settings(max_examples=400, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(path=st.sampled_from(PATHS), value=TREES)
+def test_fuzzed_scenes_are_valid_or_one_line(path, value):
+    try:
+        scene = scene_from_data(changed(path, value), None)
+        assemble(scene)
+    except SceneError as error:
+        assert "\n" not in str(error)
+
+
+@settings(max_examples=200, deadline=None)
+@given(text=st.text(max_size=40))
+def test_fuzzed_assignments_are_values_or_one_line(text):
+    try:
+        key, value = parse_assignment(text)
+        scene_from_data(VALID, {key: value})
+    except SceneError as error:
+        assert "\n" not in str(error)

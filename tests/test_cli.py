@@ -1,0 +1,183 @@
+"""The command line: what it leaves, what it prints, its exit codes, one line for every mistake."""
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import imageio.v3 as iio
+import numpy as np
+import pytest
+
+from sandbox import cli, load_scene
+
+
+def sandbox(*arguments: object, monkeypatch, capsys) -> tuple[int, str, str]:
+    """Run the command line in this process: exit code, standard output, standard error."""
+    monkeypatch.setattr(sys, "argv", ["sandbox", *map(str, arguments)])
+    with pytest.raises(SystemExit) as caught:
+        cli.main()
+    printed = capsys.readouterr()
+    return int(caught.value.code or 0), printed.out, printed.err
+
+
+@pytest.fixture
+def run_cli(monkeypatch, capsys):
+    return lambda *arguments: sandbox(*arguments, monkeypatch=monkeypatch, capsys=capsys)
+
+
+SMALL = ("--seconds", "0.2", "--size", "320x180")
+
+
+def test_run_leaves_the_whole_folder(run_cli, tmp_path):
+    out = tmp_path / "deep" / "drop"
+    code, printed, errors = run_cli("run", "drop_2d", *SMALL, "--out", out, "--json")
+    assert code == 0 and errors == ""
+    summary = json.loads(printed)
+    assert summary["status"] == "done" and summary["simulated"] == pytest.approx(0.2)
+    expected = {"video.mp4", "poster.png", "metrics.csv", "summary.json", "scene.toml", "checkpoint.npz"}
+    assert {entry.name for entry in out.iterdir()} == expected == set(summary["files"])
+    frames = iio.imread(out / "video.mp4")
+    assert frames.shape == (6, 180, 320, 3)
+    meta = iio.immeta(out / "video.mp4")
+    assert meta["codec"] == "h264" and meta["fps"] == 30.0 and "yuv420p" in meta["video_format"]
+    assert iio.imread(out / "poster.png").shape == (180, 320, 3)
+    rows = list(csv.DictReader((out / "metrics.csv").open()))
+    assert [int(row["frame"]) for row in rows] == list(range(7))
+    assert float(rows[-1]["time_s"]) == pytest.approx(0.2)
+    for row in rows:
+        parts = sum(float(row[f"{name}_J"]) for name in ("kinetic", "elastic", "gravity", "gas"))
+        assert parts == pytest.approx(float(row["total_J"]), rel=1e-6)
+    again = load_scene(out / "scene.toml")
+    assert again.duration == 0.2 and again.render.size == (320, 180)
+
+
+def test_resume_ends_where_the_whole_run_ends(run_cli, tmp_path):
+    common = ("--renderer", "none", "--quiet")
+    run_cli("run", "drop_2d", "--seconds", "0.4", "--out", tmp_path / "whole", *common)
+    run_cli("run", "drop_2d", "--seconds", "0.2", "--out", tmp_path / "half", *common)
+    code, printed, _ = run_cli(
+        "run", "drop_2d", "--seconds", "0.4", "--out", tmp_path / "rest", *common,
+        "--resume", tmp_path / "half" / "checkpoint.npz",
+    )  # fmt: skip
+    assert code == 0 and printed == ""
+    whole, rest = (json.loads((tmp_path / name / "summary.json").read_text()) for name in ("whole", "rest"))
+    assert whole["state_sha256"] == rest["state_sha256"]
+    code, _, errors = run_cli(
+        "run", "drop_2d", "--seconds", "0.1", "--out", tmp_path / "x", "--resume", tmp_path / "half" / "checkpoint.npz"
+    )
+    assert code == 2 and "is at 0.2 s already" in errors
+
+
+@pytest.mark.filterwarnings("always::sandbox.simulation.StabilityWarning")
+def test_a_blow_up_is_exit_code_3_and_loses_nothing(run_cli, tmp_path):
+    out = tmp_path / "boom"
+    code, _, errors = run_cli("run", "drop_2d", "--set", "solver.dt=0.002", *SMALL, "--out", out, "--quiet")
+    assert code == 3
+    lines = errors.strip().splitlines()
+    assert len(lines) == 2
+    assert lines[0].startswith("warning: solver.dt = 0.002 s is above the stability limit")
+    assert "diverged at t = " in lines[1] and "spring" in lines[1] and "omega dt" in lines[1]
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["status"] == "diverged" and summary["message"] in lines[1]
+    frames = iio.imread(out / "video.mp4") if summary["pictures"] else []
+    assert len(frames) == summary["pictures"]
+    with np.load(out / "checkpoint.npz") as checkpoint:
+        assert np.isfinite(checkpoint["positions"]).all()
+        assert float(checkpoint["time"]) == pytest.approx(summary["simulated"])
+    assert "nan" not in (out / "metrics.csv").read_text()
+
+
+@pytest.mark.parametrize("kind", ["webm", "gif", "png", "none"])
+def test_other_kinds_of_video(run_cli, tmp_path, kind):
+    arguments = ("run", "drop_2d", "--seconds", "0.1", "--size", "320x180", "--quiet", "--video", kind)
+    (tmp_path / "video.mp4").write_text("of an earlier run")
+    (tmp_path / "notes.txt").write_text("mine")
+    code, _, _ = run_cli(*arguments, "--out", tmp_path)
+    assert code == 0
+    names = {entry.name for entry in tmp_path.iterdir()}
+    assert "video.mp4" not in names and "notes.txt" in names
+    if kind == "png":
+        assert len(list((tmp_path / "frames").iterdir())) == 3
+    elif kind != "none":
+        assert iio.imread(tmp_path / f"video.{kind}").shape[:3] == (3, 180, 320)
+
+
+WRONG = [
+    (("run", "jely"), "jely: no such preset or file; did you mean jelly?"),
+    (("run", "no/such.toml"), "no/such.toml: cannot be read: No such file"),
+    (("run", "jelly", "--set", "solver.foo=1"), "--set solver.foo: solver.foo: unknown key"),
+    (("run", "jelly", "--set", "nonsense"), "--set nonsense: must be KEY=VALUE"),
+    (("run", "jelly", "--size", "1280"), "--size 1280: must be WIDTHxHEIGHT"),
+    (("run", "jelly", "--size", "1281x720"), "must be even"),
+    (("run", "jelly", "--seconds", "-1"), "--set duration: duration: must be > 0, got -1.0"),
+    (("run", "jelly", "--seconds", "soon"), "--seconds"),
+    (("run", "jelly", "--fps", "0"), "render.fps: must be > 0"),
+    (("run", "jelly", "--arch", "cuda"), "arch 'cuda': not available on this machine"),
+    (("run", "jelly", "--arch", "abacus"), "arch 'abacus': must be one of cpu, cuda, vulkan, metal"),
+    (("run", "jelly", "--precision", "f16"), "precision 'f16': must be f32 or f64"),
+    (("run", "jelly", "--threads", "0"), "threads 0: must be at least 1"),
+    (("run", "jelly", "--renderer", "pencil"), "--renderer pencil: must be one of taichi, none"),
+    (("run", "jelly", "--video", "avi"), "--video avi: must be one of mp4"),
+    (("run", "jelly", "--resume", "none.npz"), "none.npz: cannot be read: No such file"),
+    (("run", "jelly", "--out", "/dev/null/x"), "/dev/null/x: cannot be written: Not a directory"),
+    (("run",), "Missing argument 'SCENE'"),
+    (("run", "jelly", "--colour", "red"), "No such option: --colour"),
+    (("jump",), "No such command 'jump'"),
+    (("validate", "pyproject.toml"), "pyproject.toml: "),
+]
+
+
+@pytest.mark.parametrize(("arguments", "message"), WRONG, ids=["-".join(w[0])[:40] for w in WRONG])
+def test_wrong_input_is_one_line_and_exit_code_2(run_cli, tmp_path, monkeypatch, arguments, message):
+    if arguments[:2] == ("run", "jelly") and "--out" not in arguments:
+        arguments = (*arguments, "--out", tmp_path / "out")
+    code, printed, errors = run_cli(*arguments)
+    assert (code, printed) == (2, "")
+    assert errors.count("\n") == 1 and message in errors
+    # Nothing half-written is left.
+    assert not list(tmp_path.rglob("*.*"))
+
+
+def test_a_scene_that_is_none_is_named_with_its_place(run_cli, tmp_path):
+    scene = tmp_path / "x.toml"
+    scene.write_text(
+        'dimension = 2\n[[bodies]]\nname = "a"\nshape = { kind = "box", size = [1, 1], cells = [1, 1] }\n'
+        "material = { stiffness = -3 }\n"
+    )
+    for command in ("validate", "run"):
+        code, _, errors = run_cli(command, scene)
+        assert (code, errors) == (2, f"sandbox: {scene}: bodies[0].material.stiffness: must be > 0, got -3\n")
+    scene.write_bytes(b"dimension = \x00")
+    code, _, errors = run_cli("validate", scene)
+    assert code == 2 and "is not TOML" in errors and errors.count("\n") == 1
+
+
+def test_scenes_lists_every_preset(run_cli):
+    code, printed, _ = run_cli("scenes", "--json")
+    rows = {row["name"]: row for row in json.loads(printed)}
+    assert code == 0 and {"jelly", "rope", "drop_2d"} <= set(rows)
+    assert rows["jelly"]["particles"] >= 4000 and "half-space contact" in rows["jelly"]["physics"]
+    code, printed, _ = run_cli("scenes")
+    assert code == 0 and "jelly" in printed
+
+
+def test_validate_and_schema_and_help(run_cli):
+    code, printed, _ = run_cli("validate", "jelly")
+    assert code == 0 and printed.startswith("jelly: ok, ")
+    code, printed, _ = run_cli("schema")
+    assert code == 0 and json.loads(printed)["title"] == "Scene"
+    for arguments in ((), ("--help",), ("run", "--help"), ("--version",)):
+        code, printed, _ = run_cli(*arguments)
+        assert code == 0 and printed.strip()
+
+
+def test_as_a_program_nothing_but_the_summary_is_on_standard_output(tmp_path):
+    """A process of its own: Taichi's banner and log stay off."""
+    command = [sys.executable, "-m", "sandbox", "run", "rope", "--seconds", "0.05", "--renderer", "none", "--json"]
+    done = subprocess.run(
+        [*command, "--out", str(tmp_path)], capture_output=True, text=True, check=True, cwd=Path(__file__).parent.parent
+    )
+    assert json.loads(done.stdout)["status"] == "done"
+    assert done.stderr == ""

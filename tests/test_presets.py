@@ -1,0 +1,59 @@
+"""Every preset runs headless and ends as its description says."""
+
+import numpy as np
+import pytest
+
+from sandbox import Simulation, load_scene, preset_paths
+
+
+def jelly_rests_on_the_ground(simulation: Simulation, history: list) -> None:
+    heights = simulation.positions()[:, 1]
+    assert heights.min() > -1e-5
+    assert 0.9 < heights.max() < 1.05  # it is back to a cube of 1 m, lying on a face
+    assert simulation.measure().max_speed < 0.3
+    assert max(measured.max_strain for measured in history) > 0.1  # and was well squashed on the way
+
+
+def rope_hangs_from_its_pin(simulation: Simulation, history: list) -> None:
+    positions = simulation.positions()
+    assert np.allclose(positions[0], [-0.55, 1.95, 0.0], atol=1e-6)
+    assert simulation.measure().max_penetration < 1e-4
+    assert simulation.measure().max_strain < 0.05
+    assert positions[1:, 1].max() < 2.05
+
+
+def boxes_lie_on_the_ground(simulation: Simulation, history: list) -> None:
+    assert simulation.measure().max_penetration < 1e-4
+    assert simulation.positions()[:, 1].min() < 1e-3
+    # Each body is in one piece: its area is what it was within a tenth.
+    assembly = simulation.assembly
+    triangles = assembly.appearance.triangles
+    areas = []
+    for points in (assembly.positions, assembly.internal_order(simulation.positions())):
+        ab, ac = (points[triangles[:, k]] - points[triangles[:, 0]] for k in (1, 2))
+        twice = ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]
+        areas.append(np.bincount(assembly.appearance.triangle_body, 0.5 * twice))
+    assert areas[1] == pytest.approx(areas[0], rel=0.1)
+
+
+CHECKS = {
+    "jelly": jelly_rests_on_the_ground,
+    "rope": rope_hangs_from_its_pin,
+    "drop_2d": boxes_lie_on_the_ground,
+}
+
+
+def test_every_preset_has_a_check():
+    assert set(CHECKS) == set(preset_paths())
+
+
+@pytest.mark.parametrize("name", sorted(CHECKS))
+def test_preset_ends_well(name):
+    scene = load_scene(name)
+    with Simulation(scene) as simulation:
+        assert simulation.dt < simulation.initial_stable_dt
+        history = []
+        while simulation.time < scene.duration - 1e-9:
+            simulation.step_frame()
+            history.append(simulation.measure())
+        CHECKS[name](simulation, history)
