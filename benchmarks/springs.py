@@ -8,12 +8,12 @@ one serial launch a frame; both also the other way, for comparison.
 
 import statistics
 import sys
+from functools import partial
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import numpy as np
-import taichi as ti
 
 from benchmarks.common import block, interleave, middle
 from benchmarks.scatter import Scatter
@@ -25,7 +25,7 @@ DT = 1e-5
 def run(simulation: Simulation, steps: int) -> None:
     """Steps alone, without the checks that frames come with."""
     simulation._wake().stepper.advance(steps, DT)
-    ti.sync()
+    runtime.ti.sync()
 
 
 def agree(simulation: Simulation, twin: Scatter) -> None:
@@ -36,39 +36,28 @@ def agree(simulation: Simulation, twin: Scatter) -> None:
     assert np.allclose(simulation._read()[0], twin.x.to_numpy(), atol=1e-5)
 
 
-def main() -> None:
-    runtime.start()
-    print(f"{'':44}{'million springs/s':>28}   against scatter")
+def compare(cells: int, steps: int, rounds: int) -> None:
+    """One block, undamped and damped: scatter, parallel and serial gather in turns."""
     for damped in (False, True):
-        scene = block(31, damped=damped)
-        gather = Simulation(scene, serial=False)
-        serial = Simulation(scene, serial=True)
-        gather._wake(), serial._wake()
-        twin = Scatter(gather.assembly, damped)
-        agree(gather, twin)
-        steps = 40
-        times = interleave(
-            {
-                "scatter with atomics": lambda twin=twin: twin.advance(steps, DT),
-                "gather, a parallel launch a step": lambda s=gather: run(s, steps),
-                "gather, one serial launch": lambda s=serial: run(s, steps),
-            }
-        )
-        report(f"32^3, {'damped' if damped else 'undamped'}", times, gather.spring_count * steps)
-    for damped in (False, True):
-        scene = block(9, damped=damped)
+        scene = block(cells, damped=damped)
         parallel, serial = Simulation(scene, serial=False), Simulation(scene, serial=True)
         twin = Scatter(parallel.assembly, damped)
-        steps = 100
-        times = interleave(
-            {
-                "scatter with atomics": lambda twin=twin: twin.advance(steps, DT),
-                "gather, a parallel launch a step": lambda s=parallel: run(s, steps),
-                "gather, one serial launch": lambda s=serial: run(s, steps),
-            },
-            rounds=31,
-        )
-        report(f"10^3, {'damped' if damped else 'undamped'}", times, parallel.spring_count * steps)
+        agree(parallel, twin)
+        candidates = {
+            "scatter with atomics": partial(twin.advance, steps, DT),
+            "gather, a parallel launch a step": partial(run, parallel, steps),
+            "gather, one serial launch": partial(run, serial, steps),
+        }
+        times = interleave(candidates, rounds)
+        report(f"{cells + 1}^3, {'damped' if damped else 'undamped'}", times, parallel.spring_count * steps)
+
+
+def main() -> None:
+    """Print the table."""
+    runtime.start()
+    print(f"{'':44}{'million springs/s':>28}   against scatter")
+    compare(cells=31, steps=40, rounds=15)
+    compare(cells=9, steps=100, rounds=31)
 
 
 def report(title: str, times: dict[str, list[float]], springs: int) -> None:

@@ -14,7 +14,7 @@ from sandbox.contact.colliders import build_colliders
 from sandbox.diagnostics import Diagnostics, Energy, Measurement
 from sandbox.errors import DivergedError, SceneError
 from sandbox.forces.gravity import Gravity
-from sandbox.forces.springs import DampedSprings, Springs
+from sandbox.forces.springs import build_springs
 from sandbox.integrators.kick_drift import SERIAL_WORK, KickDrift
 from sandbox.integrators.schemes import SCHEMES
 from sandbox.postmortem import Failure, describe
@@ -343,8 +343,7 @@ def _build(assembly: Assembly, scheme: Any, serial: bool) -> _Pipeline:
         laws.append(Gravity(state, scene.gravity))
     loads: list[Any] = [state]
     if assembly.spring_count:
-        kind = DampedSprings if assembly.spring_damping.any() else Springs
-        laws.append(kind(builder, assembly, state))
+        laws.append(build_springs(builder, assembly, state))
         loads.append(laws[-1])
     colliders, contact_parts = build_colliders(builder, assembly, state)
     diagnostics = Diagnostics(builder, state, laws, colliders)

@@ -13,6 +13,8 @@ from sandbox.scene.assemble import Assembly
 
 FloatArray = NDArray[np.float64]
 
+SLICE = 8
+"""Consecutive particles that some laws handle together."""
 BACKUP_SLOT = 2
 _SLOTS = 3
 
@@ -41,10 +43,12 @@ class ParticleState:
         self.dimension = assembly.dimension
         vector = runtime.vector(self.dimension)
         real = runtime.real()
-        self.x = place(builder, vector.field(), _SLOTS, self.count)
-        self.v = place(builder, vector.field(), _SLOTS, self.count)
+        self.capacity = -(-self.count // SLICE) * SLICE
+        """Rows of the fields: ``count`` rounded up to whole slices; the rest stays zero."""
+        self.x = place(builder, vector.field(), _SLOTS, self.capacity)
+        self.v = place(builder, vector.field(), _SLOTS, self.capacity)
         self.predicts_velocity = predicts_velocity
-        self.force_velocity = place(builder, vector.field(), _SLOTS, self.count) if predicts_velocity else self.v
+        self.force_velocity = place(builder, vector.field(), _SLOTS, self.capacity) if predicts_velocity else self.v
         self.mass = place(builder, ti.field(real), self.count)
         self.inverse_mass = place(builder, ti.field(real), self.count)
         self.slot = 0

@@ -48,7 +48,7 @@ def test_one_and_two_threads_give_the_same_bits(serial):
 def test_the_size_alone_picks_the_path():
     scene = block()
     assert all(Simulation(scene, threads=threads).serial for threads in (1, 2))
-    assert not Simulation(load_scene("jelly", {"bodies.0.shape.cells": [40, 40, 40]})).serial
+    assert not Simulation(load_scene("jelly", {"bodies.0.shape.cells": [26, 26, 26]})).serial
 
 
 @pytest.mark.parametrize("integrator", ["symplectic_euler", "velocity_verlet"])

@@ -1,43 +1,61 @@
 """Springs between particles, gathered by each particle over its own half-edges.
 
-Every spring is stored twice, once at each end, in compressed rows (CSR) sorted by neighbour. Both
-ends compute the same force with opposite sign, so momentum is kept without atomics, and the order of
-the sum never changes.
+Every spring is stored twice, once at each end. Both ends compute the same force with opposite sign,
+so momentum is kept without atomics, and the order of the sum never changes.
 
-The inner loops are in a shape that LLVM turns into vector instructions: no branch, one reciprocal
-square root, no division. ``max(r^2, tiny)`` makes a spring of length 0 pull with no force at all.
+The inner loops are in a shape that LLVM turns into vector instructions: no branch, one square root,
+one division. ``max(r^2, tiny)`` makes a spring of length 0 pull with no force at all.
 """
 
 import numpy as np
 import taichi as ti
+from numpy.typing import NDArray
 
 from sandbox import runtime
+from sandbox.forces.spring_rows import END, SpringRows, arrange
 from sandbox.scene.assemble import Assembly
-from sandbox.state import ParticleState, place
+from sandbox.state import SLICE, ParticleState, place
 
 # Smallest squared length [m^2] that is told from 0; its reciprocal square root is finite in f32.
 _TINY = 1e-24
+# Below this a step is over before slices pay for the longer kernel that they compile to.
+_LEAST_SPRINGS = 1000
 
 
 @ti.data_oriented
 class Springs:
-    """Undamped springs: force k (r - L) u on the end whose neighbour lies in direction u."""
+    """Springs: force [k (r - L) + c (v_b - v_a) u] u on the end whose neighbour lies in direction u.
+
+    Without damping anywhere in the scene, the damping term, its field and the reading of velocities
+    are not compiled.
+    """
 
     term = "elastic"
 
-    def __init__(self, builder: ti.FieldsBuilder, assembly: Assembly, state: ParticleState) -> None:
+    def __init__(self, builder: ti.FieldsBuilder, assembly: Assembly, state: ParticleState, rows: SpringRows) -> None:
         self.state = state
+        self.rows = rows
         self.vector = runtime.vector(state.dimension)
-        half_edges = 2 * assembly.spring_count
+        self.damped = bool(assembly.spring_damping.any())
+        real = runtime.real()
+        half_edges = len(rows.neighbour)
         self.row = place(builder, ti.field(ti.i32), state.count + 1)
         self.neighbour = place(builder, ti.field(ti.i32), half_edges)
-        self.rest_length = place(builder, ti.field(runtime.real()), half_edges)
-        self.stiffness = place(builder, ti.field(runtime.real()), half_edges)
+        self.rest_length = place(builder, ti.field(real), half_edges)
+        self.stiffness = place(builder, ti.field(real), half_edges)
+        if self.damped:
+            self.damping = place(builder, ti.field(real), half_edges)
 
     def load(self, assembly: Assembly) -> None:
         """Upload rows, neighbours and constants."""
-        row, neighbour, spring = half_edges(assembly.springs, assembly.particle_count)
-        self._write(row, neighbour, assembly.spring_rest_lengths[spring], assembly.spring_stiffness[spring])
+        rows = self.rows
+        self._write(
+            rows.row,
+            rows.neighbour,
+            assembly.spring_rest_lengths[rows.spring],
+            assembly.spring_stiffness[rows.spring],
+            assembly.spring_damping[rows.spring],
+        )
 
     @ti.kernel
     def _write(
@@ -46,6 +64,7 @@ class Springs:
         neighbour: ti.types.ndarray(),
         rest_length: ti.types.ndarray(),
         stiffness: ti.types.ndarray(),
+        damping: ti.types.ndarray(),
     ):
         for i in range(row.shape[0]):
             self.row[i] = row[i]
@@ -53,16 +72,30 @@ class Springs:
             self.neighbour[h] = neighbour[h]
             self.rest_length[h] = rest_length[h]
             self.stiffness[h] = stiffness[h]
+            if ti.static(self.damped):
+                self.damping[h] = damping[h]
 
     @ti.func
     def force_on(self, i, slot):
+        return self.gather(i, slot, self.row[i], self.row[i + 1])
+
+    @ti.func
+    def gather(self, i, slot, first, end):
+        """Force of the half-edges ``first`` to ``end`` on particle i [N]."""
         x = self.state.x[slot, i]
+        v = self.vector(0.0)
+        if ti.static(self.damped):
+            v = self.state.force_velocity[slot, i]
         force = self.vector(0.0)
-        for h in range(self.row[i], self.row[i + 1]):
-            d = self.state.x[slot, self.neighbour[h]] - x
+        for h in range(first, end):
+            j = self.neighbour[h]
+            d = self.state.x[slot, j] - x
             r2 = ti.max(d.dot(d), _TINY)
             inverse_r = ti.rsqrt(r2)
-            force += (self.stiffness[h] * (r2 * inverse_r - self.rest_length[h])) * inverse_r * d
+            tension = self.stiffness[h] * (r2 * inverse_r - self.rest_length[h])
+            if ti.static(self.damped):
+                tension += self.damping[h] * ((self.state.force_velocity[slot, j] - v).dot(d) * inverse_r)
+            force += tension * inverse_r * d
         return force
 
     @ti.func
@@ -89,49 +122,111 @@ class Springs:
 
 
 @ti.data_oriented
-class DampedSprings(Springs):
-    """Springs with dampers: force [k (r - L) + c (v_b - v_a) u] u."""
+class SlicedSprings(Springs):
+    """The same springs, most of them gathered for a slice of consecutive particles at once."""
 
-    def __init__(self, builder: ti.FieldsBuilder, assembly: Assembly, state: ParticleState) -> None:
-        super().__init__(builder, assembly, state)
-        self.damping = place(builder, ti.field(runtime.real()), 2 * assembly.spring_count)
+    def __init__(self, builder: ti.FieldsBuilder, assembly: Assembly, state: ParticleState, rows: SpringRows) -> None:
+        super().__init__(builder, assembly, state, rows)
+        lanes = ti.types.vector(SLICE, runtime.real())
+        self.lanes = ti.types.matrix(state.dimension, SLICE, runtime.real())
+        entries = len(rows.offset)
+        self.sliced = place(builder, ti.field(ti.i32), state.count)
+        self.slice_row = place(builder, ti.field(ti.i32), len(rows.slice_row))
+        self.offset = place(builder, ti.field(ti.i32), entries)
+        self.slice_rest_length = place(builder, lanes.field(), entries)
+        self.slice_stiffness = place(builder, lanes.field(), entries)
+        if self.damped:
+            self.slice_damping = place(builder, lanes.field(), entries)
+        # By axis, then by lane: stores of consecutive lanes are what the compiler packs from.
+        self.slice_force = place(builder, lanes.field(), state.capacity // SLICE, state.dimension)
 
     def load(self, assembly: Assembly) -> None:
         super().load(assembly)
-        _, _, spring = half_edges(assembly.springs, assembly.particle_count)
-        self._write_damping(assembly.spring_damping[spring])
+        rows = self.rows
+        self._write_slices(
+            rows.sliced,
+            rows.slice_row,
+            rows.offset,
+            _by_lane(assembly.spring_rest_lengths, rows),
+            _by_lane(assembly.spring_stiffness, rows),
+            _by_lane(assembly.spring_damping, rows),
+        )
 
     @ti.kernel
-    def _write_damping(self, damping: ti.types.ndarray()):
-        for h in range(damping.shape[0]):
-            self.damping[h] = damping[h]
+    def _write_slices(
+        self,
+        sliced: ti.types.ndarray(),
+        slice_row: ti.types.ndarray(),
+        offset: ti.types.ndarray(),
+        rest_length: ti.types.ndarray(),
+        stiffness: ti.types.ndarray(),
+        damping: ti.types.ndarray(),
+    ):
+        for i in range(sliced.shape[0]):
+            self.sliced[i] = sliced[i]
+        for s in range(slice_row.shape[0]):
+            self.slice_row[s] = slice_row[s]
+        for e in range(offset.shape[0]):
+            self.offset[e] = offset[e]
+            for lane in range(SLICE):
+                self.slice_rest_length[e][lane] = rest_length[e, lane]
+                self.slice_stiffness[e][lane] = stiffness[e, lane]
+                if ti.static(self.damped):
+                    self.slice_damping[e][lane] = damping[e, lane]
+
+    @ti.func
+    def gather_slice(self, index, slot):
+        """Forces on the particles of a slice by its common offsets, left in ``slice_force``.
+
+        The lanes are written out one by one, in a loop whose end the compiler cannot count: so it packs
+        the lanes into vectors. Left to count the loop, it would pack its rounds, and gather.
+        """
+        first = index * SLICE
+        x, v, force = self.lanes(0.0), self.lanes(0.0), self.lanes(0.0)
+        for lane in ti.static(range(SLICE)):
+            for axis in ti.static(range(self.state.dimension)):
+                x[axis, lane] = self.state.x[slot, first + lane][axis]
+                if ti.static(self.damped):
+                    v[axis, lane] = self.state.force_velocity[slot, first + lane][axis]
+        e = self.slice_row[index]
+        while self.offset[e] != END:
+            # 64 bits: in 32 the compiler would have to prove for each lane that its index does not wrap.
+            other = ti.i64(first + self.offset[e])
+            for lane in ti.static(range(SLICE)):
+                d = self.state.x[slot, other + ti.i64(lane)]
+                for axis in ti.static(range(self.state.dimension)):
+                    d[axis] -= x[axis, lane]
+                r2 = ti.max(d.dot(d), _TINY)
+                pull = self.slice_stiffness[e][lane] * (r2 - self.slice_rest_length[e][lane] * ti.sqrt(r2))
+                if ti.static(self.damped):
+                    w = self.state.force_velocity[slot, other + ti.i64(lane)]
+                    for axis in ti.static(range(self.state.dimension)):
+                        w[axis] -= v[axis, lane]
+                    pull += self.slice_damping[e][lane] * w.dot(d)
+                pull /= r2
+                for axis in ti.static(range(self.state.dimension)):
+                    force[axis, lane] += pull * d[axis]
+            e += 1
+        for axis in ti.static(range(self.state.dimension)):
+            for lane in ti.static(range(SLICE)):
+                self.slice_force[index, axis][lane] = force[axis, lane]
 
     @ti.func
     def force_on(self, i, slot):
-        x = self.state.x[slot, i]
-        v = self.state.force_velocity[slot, i]
-        force = self.vector(0.0)
-        for h in range(self.row[i], self.row[i + 1]):
-            j = self.neighbour[h]
-            d = self.state.x[slot, j] - x
-            r2 = ti.max(d.dot(d), _TINY)
-            inverse_r = ti.rsqrt(r2)
-            closing = (self.state.force_velocity[slot, j] - v).dot(d) * inverse_r
-            tension = self.stiffness[h] * (r2 * inverse_r - self.rest_length[h]) + self.damping[h] * closing
-            force += tension * inverse_r * d
+        force = self.gather(i, slot, self.row[i], self.sliced[i])
+        for axis in ti.static(range(self.state.dimension)):
+            force[axis] += self.slice_force[i // SLICE, axis][i % SLICE]
         return force
 
 
-def half_edges(springs: np.ndarray, particle_count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Compressed rows of springs as seen from both ends.
+def _by_lane(values: NDArray[np.float64], rows: SpringRows) -> NDArray[np.float64]:
+    """A constant of every spring, for every lane of every offset; 0 where there is no spring."""
+    return np.where(rows.slice_spring >= 0, values[rows.slice_spring], 0.0)
 
-    Returns row starts, shape (particle_count + 1,), and for every half-edge its neighbour and its
-    spring, each of shape (2 * spring_count,), rows sorted by neighbour.
-    """
-    owner = np.concatenate([springs[:, 0], springs[:, 1]])
-    neighbour = np.concatenate([springs[:, 1], springs[:, 0]])
-    by_row = np.lexsort((neighbour, owner))
-    row = np.zeros(particle_count + 1, dtype=np.int32)
-    np.cumsum(np.bincount(owner, minlength=particle_count), out=row[1:])
-    spring = np.concatenate([np.arange(len(springs))] * 2)[by_row]
-    return row, neighbour[by_row].astype(np.int32), spring
+
+def build_springs(builder: ti.FieldsBuilder, assembly: Assembly, state: ParticleState) -> Springs:
+    """The springs of a scene: in slices where most of them fit, which pays on a CPU alone."""
+    rows = arrange(assembly.springs, assembly.particle_count, SLICE)
+    large = assembly.spring_count >= _LEAST_SPRINGS
+    sliced = large and rows.has_slices and runtime.settings().arch == "cpu"
+    return (SlicedSprings if sliced else Springs)(builder, assembly, state, rows)

@@ -13,10 +13,10 @@ import taichi as ti
 from sandbox import runtime
 from sandbox.integrators.kick import DragKick, PlainKick
 from sandbox.integrators.schemes import SplittingScheme
-from sandbox.state import ParticleState
+from sandbox.state import SLICE, ParticleState
 
 # Work (particles + half-edges) below which one serial launch wins; see benchmarks/crossover.py.
-SERIAL_WORK = 100_000
+SERIAL_WORK = 300_000
 
 
 @ti.data_oriented
@@ -36,6 +36,8 @@ class KickDrift:
         self.scheme = scheme
         self.state = state
         self.laws = laws
+        self.slicing = [law for law in laws if hasattr(law, "gather_slice")]
+        self.slices = state.capacity // SLICE
         self.colliders = colliders
         self.kick = DragKick(drag) if drag > 0.0 else PlainKick()
         # Colliders must not push a pinned particle; without colliders a pinned one feels nothing anyway.
@@ -76,8 +78,12 @@ class KickDrift:
 
     @ti.kernel
     def _step_parallel(self, slot: int, decay: float, gain: float, dt: float, ahead: float):
-        for i in range(self.state.count):
-            self.step(i, slot, decay, gain, dt, ahead)
+        if ti.static(self.slicing):
+            for index in range(self.slices):
+                self.step_slice(index, slot, decay, gain, dt, ahead)
+        else:
+            for i in range(self.state.count):
+                self.step(i, slot, decay, gain, dt, ahead)
 
     @ti.kernel
     def _run_serial(
@@ -105,8 +111,20 @@ class KickDrift:
                     step_decay, step_gain = lead_decay, lead_gain
                 if n == steps:
                     step_decay, step_gain, step_dt, step_ahead = rest_decay, rest_gain, 0.0, 0.0
-            for i in range(self.state.count):
-                self.step(i, (slot + n) % 2, step_decay, step_gain, step_dt, step_ahead)
+            if ti.static(self.slicing):
+                for index in range(self.slices):
+                    self.step_slice(index, (slot + n) % 2, step_decay, step_gain, step_dt, step_ahead)
+            else:
+                for i in range(self.state.count):
+                    self.step(i, (slot + n) % 2, step_decay, step_gain, step_dt, step_ahead)
+
+    @ti.func
+    def step_slice(self, index, slot, decay, gain, dt, ahead):
+        """A slice of consecutive particles: what laws gather for all of them at once, then each by itself."""
+        for law in ti.static(self.slicing):
+            law.gather_slice(index, slot)
+        for i in range(index * SLICE, ti.min((index + 1) * SLICE, self.state.count)):
+            self.step(i, slot, decay, gain, dt, ahead)
 
     @ti.func
     def step(self, i, slot, decay, gain, dt, ahead):

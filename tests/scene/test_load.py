@@ -188,8 +188,9 @@ TREES = st.recursive(
     NUMBERS, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=6), inner, max_size=3)
 )
 PATHS = (
-    "dimension gravity duration solver solver.dt bodies bodies.0 bodies.0.shape bodies.0.shape.size bodies.0.shape.cells "
-    "bodies.0.material bodies.0.rotation bodies.0.pin colliders colliders.0 colliders.0.normal render render.camera render.size"
+    "dimension gravity duration solver solver.dt bodies bodies.0 bodies.0.shape bodies.0.shape.size "
+    "bodies.0.shape.cells bodies.0.material bodies.0.rotation bodies.0.pin colliders colliders.0 "
+    "colliders.0.normal render render.camera render.size"
 ).split()
 
 
