@@ -19,6 +19,8 @@ from sandbox.scene.shapes import Geometry, generate
 
 DEFAULT_DENSITY = 1000.0
 """Density of a body that gives neither density nor mass [kg/m^3]: water, and so most tissue and jelly."""
+LARGEST = 1e15
+"""Largest coordinate, speed or mass that is taken; its square is still far from the end of f32."""
 DEFAULT_POINT_MASS = 1.0
 """Mass of a custom shape's point when nothing else says it [kg]."""
 
@@ -145,6 +147,9 @@ class _Part:
         velocities[pinned] = 0.0
         masses = _masses(where, body.material, geometry)
         stiffness = _stiffness(where, body, geometry)
+        for name, values in (("positions", positions), ("velocities", velocities), ("masses", masses)):
+            if not (np.isfinite(values).all() and np.abs(values).max() < LARGEST):
+                raise SceneError(f"{where}: its {name} are too large to compute with (above {LARGEST:g})")
         return cls(
             body=body,
             geometry=geometry,

@@ -295,6 +295,12 @@ class Camera(Model):
     field_of_view: Annotated[Real, Field(gt=1, lt=150)] = Field(35.0, description="vertical angle [degrees], 3D")
     height: Positive | None = Field(None, description="height of the picture [m], 2D")
 
+    @model_validator(mode="after")
+    def _looks_somewhere(self) -> "Camera":
+        if self.eye is not None and self.eye == self.target:
+            raise PydanticCustomError("same_point", "eye and target are the same point", {})
+        return self
+
 
 class Render(Model):
     """How the scene is shown."""

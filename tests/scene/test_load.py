@@ -107,6 +107,7 @@ WRONG = [
     ("colliders.0.normal", [0, 0], "colliders[0].normal: must not be the zero vector"),
     ("colliders.0.restitution", 1.5, "colliders[0].restitution: must be <= 1, got 1.5"),
     ("render.size", [1281, 720], "render: size must be even"),
+    ("render.camera", {"eye": [1, 2], "target": [1, 2]}, "render.camera: eye and target are the same point"),
     ("render.fps", 0, "render.fps: must be > 0, got 0"),
     ("duration", 0, "duration: must be > 0, got 0"),
 ]
@@ -127,6 +128,7 @@ ASSEMBLY = [
     ("bodies.0.shape.bracing", "none", "bracing none resists no shear"),
     ("bodies.0.pin", {"indices": [99]}, "bodies[0].pin.indices[0]: there is no particle 99; the body has 9"),
     ("bodies.0.pin", {"region": {"min": [5, 5], "max": [6, 6]}}, "bodies[0].pin.region: holds no particle"),
+    ("bodies.0.position", [1e200, 0.0], "bodies[0]: its positions are too large to compute with"),
     ("bodies.0.shape", {**CUSTOM, "springs": [[0, 1]]}, "a custom shape has no lattice; give stiffness"),
 ]
 
