@@ -242,38 +242,37 @@ class Body(Model):
     pin: Pin | None = Field(None, description="particles that never move")
 
 
-class HalfSpace(Model):
+class Solid(Model):
+    """What every collider has."""
+
+    restitution: Fraction = Field(0.0, description="normal speed kept by a bounce [1]")
+    friction: NonNegative = Field(0.0, description="Coulomb friction [1]")
+    color: Color | None = Field(None, description="colour as #rrggbb (sRGB)")
+
+
+class HalfSpace(Solid):
     """Everything below a plane is solid."""
 
     kind: Literal["half_space"]
     point: Vector = Field(description="a point of the surface [m]")
     normal: Direction = Field(description="out of the solid; any length")
-    restitution: Fraction = Field(0.0, description="normal speed kept by a bounce [1]")
-    friction: NonNegative = Field(0.0, description="Coulomb friction [1]")
-    color: Color | None = Field(None, description="colour as #rrggbb (sRGB)")
 
 
-class SphereCollider(Model):
+class SphereCollider(Solid):
     """Solid sphere (3D) or disc (2D)."""
 
     kind: Literal["sphere"]
     position: Vector = Field(description="centre [m]")
     radius: Positive = Field(description="radius [m]")
-    restitution: Fraction = Field(0.0, description="normal speed kept by a bounce [1]")
-    friction: NonNegative = Field(0.0, description="Coulomb friction [1]")
-    color: Color | None = Field(None, description="colour as #rrggbb (sRGB)")
 
 
-class BoxCollider(Model):
+class BoxCollider(Solid):
     """Solid box (3D) or rectangle (2D)."""
 
     kind: Literal["box"]
     position: Vector = Field(description="centre [m]")
     size: Size = Field(description="edge lengths [m]")
     rotation: Rotation = Field(0.0, description=ROTATION_HELP)
-    restitution: Fraction = Field(0.0, description="normal speed kept by a bounce [1]")
-    friction: NonNegative = Field(0.0, description="Coulomb friction [1]")
-    color: Color | None = Field(None, description="colour as #rrggbb (sRGB)")
 
 
 Collider = Annotated[HalfSpace | SphereCollider | BoxCollider, Field(discriminator="kind")]
