@@ -92,6 +92,7 @@ class Diagnostics:
 
     @ti.kernel
     def _measure(self, slot: int):
+        ti.loop_config(serialize=self.state.serialize)
         for block in range(self.blocks):
             for column in range(self.width):
                 self.table[block, column] = 0.0
@@ -149,6 +150,7 @@ class Diagnostics:
 
     @ti.kernel
     def _read(self, table: ti.types.ndarray()):
+        ti.loop_config(serialize=self.state.serialize)
         for block in range(self.blocks):
             for column in range(self.width):
                 table[block, column] = self.table[block, column]

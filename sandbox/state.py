@@ -16,6 +16,7 @@ FloatArray = NDArray[np.float64]
 SLICE = 8
 """Consecutive particles that some laws handle together."""
 BACKUP_SLOT = 2
+_SERIAL_COUNT = 4096
 _SLOTS = 3
 
 
@@ -51,6 +52,8 @@ class ParticleState:
         self.force_velocity = place(builder, vector.field(), _SLOTS, self.capacity) if predicts_velocity else self.v
         self.mass = place(builder, ti.field(real), self.count)
         self.inverse_mass = place(builder, ti.field(real), self.count)
+        self.serialize = runtime.settings().arch == "cpu" and self.count <= _SERIAL_COUNT
+        """True where starting threads takes longer than a pass over all particles."""
         self.slot = 0
         """Slot that holds the state now."""
 
@@ -73,9 +76,10 @@ class ParticleState:
 
         In internal order. Written back they continue the trajectory bit for bit.
         """
-        arrays = tuple(np.empty((self.count, self.dimension)) for _ in range(3))
-        self._read(self.slot, *arrays)
-        return arrays[0], arrays[1], arrays[2]
+        # One array: each costs a launch some 50 microseconds.
+        parts = np.empty((3, self.count, self.dimension))
+        self._read(self.slot, parts)
+        return parts[0], parts[1], parts[2]
 
     def keep(self) -> None:
         """Copy the state into the backup slot."""
@@ -102,15 +106,17 @@ class ParticleState:
                     self.force_velocity[0, i][axis] = seen[i, axis]
 
     @ti.kernel
-    def _read(self, slot: int, positions: ti.types.ndarray(), velocities: ti.types.ndarray(), seen: ti.types.ndarray()):
+    def _read(self, slot: int, parts: ti.types.ndarray()):
+        ti.loop_config(serialize=self.serialize)
         for i in range(self.count):
             for axis in ti.static(range(self.dimension)):
-                positions[i, axis] = self.x[slot, i][axis]
-                velocities[i, axis] = self.v[slot, i][axis]
-                seen[i, axis] = self.force_velocity[slot, i][axis]
+                parts[0, i, axis] = self.x[slot, i][axis]
+                parts[1, i, axis] = self.v[slot, i][axis]
+                parts[2, i, axis] = self.force_velocity[slot, i][axis]
 
     @ti.kernel
     def _copy(self, source: int, target: int):
+        ti.loop_config(serialize=self.serialize)
         for i in range(self.count):
             self.x[target, i] = self.x[source, i]
             self.v[target, i] = self.v[source, i]
