@@ -70,6 +70,9 @@ def run(
     try:
         with _progress(loaded, quiet or json_) as progress:
             summary = run_scene(loaded, options, progress)
+    except SceneError as error:
+        named = str(error).startswith(("bodies", "diagnostics", "solver"))
+        raise SceneError(f"{scene}: {error}" if named else str(error)) from None
     except KeyboardInterrupt:
         raise SandboxError(f"interrupted; {options.folder} holds what was simulated until then") from None
     if json_:
@@ -123,10 +126,14 @@ def schema() -> None:
     typer.echo(json_schema())
 
 
+_SHORTCUTS = {"duration": "seconds", "render.fps": "fps", "render.size": "size"}
+
+
 def _load(source: str, assignments: list[str] | None, shortcuts: dict[str, Any]) -> Scene:
     overrides = dict(parse_assignment(text) for text in assignments or [])
-    overrides.update({key: value for key, value in shortcuts.items() if value is not None})
-    return scene_from_data(read_toml(find_scene(source)), overrides, source=source)
+    given = {key: value for key, value in shortcuts.items() if value is not None}
+    options = {key: f"--{_SHORTCUTS[key]}" for key in given}
+    return scene_from_data(read_toml(find_scene(source)), {**overrides, **given}, source, options)
 
 
 def _size(text: str) -> list[int]:

@@ -247,6 +247,8 @@ class _Recorder:
 
     def finish(self, failure: BaseException | None) -> Summary:
         """Close all files, write the rest, and publish the folder."""
+        if failure is not None and self.pictures == 0:
+            self._draw(0, 1, 0.0)  # of the last good state: better than no picture at all
         self.writer.close()
         self.metrics.close()
         self.renderer.close()

@@ -104,6 +104,11 @@ def vector(dimension: int) -> Any:
     return ti.types.vector(dimension, real())
 
 
+def check(arch: str, precision: str, threads: int | None) -> None:
+    """Raises RuntimeUnavailableError where Taichi could not be started with these settings."""
+    _check(Settings(arch, precision, threads, verbose=False))
+
+
 def _check(wanted: Settings) -> None:
     if wanted.arch not in ARCHITECTURES:
         raise RuntimeUnavailableError(f"arch {wanted.arch!r}: must be one of {', '.join(ARCHITECTURES)}")
@@ -111,6 +116,11 @@ def _check(wanted: Settings) -> None:
         raise RuntimeUnavailableError(f"precision {wanted.precision!r}: must be f32 or f64")
     if wanted.threads is not None and wanted.threads < 1:
         raise RuntimeUnavailableError(f"threads {wanted.threads}: must be at least 1")
+    most = max(64, os.cpu_count() or 1)
+    if wanted.threads is not None and wanted.threads > most:
+        raise RuntimeUnavailableError(f"threads {wanted.threads}: at most {most} on this machine")
+    if not wanted.verbose:
+        ti.set_logging_level(ti.ERROR)
     if wanted.arch == "metal" and wanted.precision == "f64":
         raise RuntimeUnavailableError("precision f64: metal has no double precision; use f32 or --arch cpu")
     if wanted.arch != "cpu" and not ti.lang.misc.is_arch_supported(getattr(ti, wanted.arch)):

@@ -28,6 +28,12 @@ LONGEST_AUTO_DT = 1.0 / 240.0
 """Step that dt = "auto" takes where stability would allow a longer one [s]: contact wants to be seen in time."""
 
 
+MOST_STEPS = 1e6
+"""Most steps between two pictures; a scene that needs more would seem to hang."""
+_COARSEST = 0.01
+"""Most of the shortest spring that rounding may take from a coordinate [1]."""
+
+
 class StabilityWarning(UserWarning):
     """A fixed step is longer than the scheme can take in this scene."""
 
@@ -71,6 +77,7 @@ class Simulation:
     ) -> None:
         self.scene = scene
         self.scheme = SCHEMES[scene.solver.integrator]
+        runtime.check(arch, precision or str(scene.solver.precision), threads)
         self.assembly = assemble(scene)
         self.time = 0.0
         """Simulated time [s]."""
@@ -86,6 +93,11 @@ class Simulation:
         """Stability limit of the scheme in the shape that the scene starts with [s]."""
         self.dt = self._choose_dt(self.initial_stable_dt)
         """Longest step that is taken [s]; every call divides its time into equal steps of at most this."""
+        if self.dt * scene.render.fps * MOST_STEPS < 1.0:
+            raise SceneError(
+                f"solver.dt: {self.dt:.3g} s makes {1.0 / (self.dt * scene.render.fps):.3g} steps a picture, more than "
+                f"{MOST_STEPS:g}: soften or densify the stiffest body, or raise render.fps"
+            )
         self._wake()
 
     # -- stepping ---------------------------------------------------------------------------------
@@ -247,6 +259,15 @@ class Simulation:
         speed = float(np.linalg.norm(self.assembly.velocities, axis=1).max())
         if speed > bounds.max_speed:
             raise SceneError(f"diagnostics.max_speed: a body starts at {speed:.4g} m/s, above {bounds.max_speed:.4g}")
+        rest = self.assembly.spring_rest_lengths
+        rounding = float(
+            np.finfo("float64" if self.precision == "f64" else "float32").eps * np.abs(self.assembly.positions).max()
+        )
+        if (rest > 0.0).any() and rounding > _COARSEST * rest[rest > 0.0].min():
+            raise SceneError(
+                f"bodies: so far from the origin {self.precision} rounds coordinates to {rounding:.2g} m, too coarse "
+                f"for springs of {rest[rest > 0.0].min():.2g} m; move the scene nearer, or use solver.precision f64"
+            )
         failure = Failure.of_state(self.assembly, self.assembly.positions, self.assembly.velocities)
         if failure.strain > bounds.max_strain:
             raise SceneError(

@@ -1,5 +1,6 @@
 """Writers of pictures: H.264 and VP9 video, GIF, numbered PNG files, or nothing."""
 
+import itertools
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -41,11 +42,11 @@ class VideoWriter:
 
 
 class GifWriter:
-    """Animated GIF; its time steps are hundredths of a second, so the frame rate is rounded."""
+    """Animated GIF; its time steps are hundredths of a second, so single pictures last a little more or less."""
 
     def __init__(self, path: Path, fps: float) -> None:
         self._path = path
-        self._duration = max(20, round(100.0 / fps) * 10)
+        self._fps = fps
         self._pictures: list[Picture] = []
 
     def write(self, picture: Picture) -> None:
@@ -55,7 +56,10 @@ class GifWriter:
     def close(self) -> None:
         """Write the file."""
         if self._pictures:
-            iio.imwrite(self._path, np.stack(self._pictures), extension=".gif", duration=self._duration, loop=0)
+            # Rounded from the start each time, so that the whole keeps its length.
+            ends = [round(100.0 * n / self._fps) * 10 for n in range(len(self._pictures) + 1)]
+            durations = [max(20, end - start) for start, end in itertools.pairwise(ends)]
+            iio.imwrite(self._path, np.stack(self._pictures), extension=".gif", duration=durations, loop=0)
 
 
 class PngWriter:

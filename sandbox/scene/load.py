@@ -3,6 +3,7 @@
 import copy
 import difflib
 import json
+import math
 import os
 import re
 import tomllib
@@ -17,6 +18,8 @@ from sandbox.errors import SceneError
 from sandbox.scene import model
 from sandbox.scene.model import Scene
 
+MOST_PARTICLES = 20_000_000
+"""Most particles of a body: what fits into some 10 GB with its springs."""
 _INDEX = re.compile(r"\[(\d+)\]")
 _PACKAGE = Path(__file__).resolve().parent.parent
 # In a wheel the scenes lie inside the package, in a checkout beside it.
@@ -92,15 +95,25 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise SceneError(f"{path}: is not TOML: {error}") from None
 
 
-def scene_from_data(data: Mapping[str, Any], overrides: Mapping[str, Any] | None, source: str = "scene") -> Scene:
-    """A validated scene from plain data. ``source`` begins the text of errors."""
+def scene_from_data(
+    data: Mapping[str, Any],
+    overrides: Mapping[str, Any] | None,
+    source: str = "scene",
+    options: Mapping[str, str] | None = None,
+) -> Scene:
+    """A validated scene from plain data.
+
+    ``source`` begins the text of errors; ``options`` tells for an override which option it came from.
+    """
     raw: dict[str, Any] = copy.deepcopy(dict(data))
     for key, value in (overrides or {}).items():
         _override(raw, key, value)
     try:
         scene = Scene.model_validate(raw)
     except ValidationError as error:
-        raise SceneError(_describe(error, raw, source, tuple(overrides or ()))) from None
+        raise SceneError(
+            _describe(error, raw, source, {key: (options or {}).get(key) for key in overrides or ()})
+        ) from None
     except RecursionError:
         raise SceneError(f"{source}: is nested too deeply") from None
     check_dimensions(scene, source)
@@ -151,7 +164,7 @@ def _override(data: dict[str, Any], key: str, value: Any) -> None:
             node = node[entry]
 
 
-def _describe(error: ValidationError, data: Any, source: str, overridden: Iterable[str]) -> str:
+def _describe(error: ValidationError, data: Any, source: str, overridden: Mapping[str, str | None]) -> str:
     errors = error.errors(include_url=False)
     first = errors[0]
     # A list with a wrong entry is called too short as well.
@@ -161,7 +174,7 @@ def _describe(error: ValidationError, data: Any, source: str, overridden: Iterab
     for key in overridden:
         plain = _INDEX.sub(r".\1", key)
         if ".".join(map(str, parts)).startswith(plain) or plain.startswith(".".join(map(str, parts)) + "."):
-            source = f"--set {key}"
+            source = overridden[key] or f"--set {key}"
             break
     more = len({_dotted(_real_location(e["loc"], data)) for e in errors}) - 1
     tail = f" (and {more} more)" if more else ""
@@ -247,6 +260,11 @@ def _dimension_problems(scene: Scene) -> Iterable[tuple[str, str]]:
         where = f"bodies[{index}].shape"
         if isinstance(shape, model.Box) and len(shape.cells) != dimension:
             yield f"{where}.cells", f"must have {dimension} entries in a {dimension}D scene, got {len(shape.cells)}"
+        if isinstance(shape, model.Box | model.Ball | model.Sheet):
+            cells = (shape.cells,) * dimension if isinstance(shape.cells, int) else shape.cells
+            count = math.prod(n + 1 for n in cells)
+            if count > MOST_PARTICLES:
+                yield f"{where}.cells", f"makes {count:.3g} particles, at most {MOST_PARTICLES:.3g} are taken"
         if isinstance(shape, model.Sheet) and dimension == 2:
             yield f"{where}.kind", "a sheet needs a 3D scene; in 2D use a box or a rope"
     names = [body.name for body in scene.bodies]

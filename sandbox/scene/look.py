@@ -55,7 +55,8 @@ def build_appearance(
         body_colors=np.array([_rgb(b.color or PALETTE[i % len(PALETTE)]) for i, b in enumerate(scene.bodies)]),
         body_two_sided=np.array([g.two_sided for g in geometries]),
         colliders=scene.colliders,
-        bounds=_expected_bounds(scene, positions, first),
+        bounds=_expected_bounds(scene, positions, first)
+        + np.array([[-1.0], [1.0]]) * bead[sphere_body].max(initial=0.0),
         element_size=element,
     )
 
