@@ -23,12 +23,12 @@ from sandbox.output.metrics import MetricsWriter
 from sandbox.output.progress import NoProgress, ProgressReport
 from sandbox.output.video import PictureWriter, open_writer
 from sandbox.particle_values import ParticleValues
-from sandbox.render import NullRenderer, Renderer, create_renderer
+from sandbox.render import NullRenderer, Renderer, RendererName, create_renderer
 from sandbox.scene.load import to_toml
 from sandbox.scene.model import ColorBy, Scene
 from sandbox.simulation import Simulation
 
-RENDERERS = ("taichi", "none")
+RENDERERS = tuple(RendererName)
 VIDEOS = ("mp4", "webm", "gif", "png", "none")
 
 

@@ -96,14 +96,6 @@ def stable_step(network: SpringNetwork, positions: FloatArray, damping_weight: f
     return max(step, row_sum_step(network, damping_weight))
 
 
-def highest_frequency(network: SpringNetwork, positions: FloatArray) -> float:
-    """Largest undamped angular frequency w_max of the network in the given shape [rad/s]."""
-    undamped = SpringNetwork(
-        network.inverse_masses, network.springs, network.rest_lengths, network.stiffness, 0.0 * network.damping
-    )
-    return 2.0 / stable_step(undamped, positions, damping_weight=0.0)
-
-
 def row_sum_step(network: SpringNetwork, damping_weight: float) -> float:
     """A step that is stable in any shape [s]: by Gershgorin's rows of M^-1 K, w^2 <= 2 sum(k) / m."""
 

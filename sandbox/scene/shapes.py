@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sandbox.scene.lattice import FloatArray, IntArray, Lattice, build_lattice
-from sandbox.scene.model import Ball, Box, Bracing, Custom, Rope, Sheet
+from sandbox.scene.model import Ball, Box, Custom, Rope, Sheet
 
 
 def _no_elements(width: int) -> IntArray:
@@ -182,6 +182,3 @@ def _open_edges(triangles: IntArray) -> IntArray:
     _, inverse, counts = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True)
     once: NDArray[np.bool_] = counts[inverse.reshape(-1)] == 1
     return np.asarray(edges[once], dtype=np.int32)
-
-
-__all__ = ["Bracing", "Geometry", "generate", "lengths"]
