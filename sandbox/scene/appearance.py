@@ -42,8 +42,21 @@ class Appearance:
     body_two_sided: NDArray[np.bool_]
     """True where a body is an open surface (a sheet), seen from both sides, shape (body_count,)."""
     colliders: tuple[Collider, ...]
-    """Solid things; they do not move."""
+    """Solid things; where one has a ``motion``, :func:`sandbox.scene.motion.motion_of` tells where it is."""
     bounds: FloatArray
     """Lower and upper corner of all particles over the expected motion [m], shape (2, dimension)."""
     element_size: float
     """Typical spring length [m]: a scale for outline widths."""
+    particle_count: int
+    """Number of particles. Triangles may name points past them: entry ``i - particle_count`` of ``carried_nodes``."""
+    carried_nodes: IntArray
+    """Particles that carry every extra surface point, shape (carried_count, nodes)."""
+    carried_weights: FloatArray
+    """Their weights, which add up to 1, shape (carried_count, nodes)."""
+    triangle_springs: IntArray | None = None
+    """Springs along the edges of every triangle, -1 where there is none, shape (triangle_count, 3); a triangle
+    with a torn spring is not drawn. None in a scene where nothing tears."""
+    outline_spring: IntArray | None = None
+    """Spring along every outline edge, or -1, shape (edge_count,); None where nothing tears."""
+    capsule_spring: IntArray | None = None
+    """Spring of every capsule, or -1, shape (capsule_count,); None where nothing tears."""

@@ -3,19 +3,24 @@
 Particles of an assembly lie in an order that is good for memory; ``order`` leads back to the scene's.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sandbox.errors import SceneError
+from sandbox.scene import attachments, surfaces
 from sandbox.scene.appearance import Appearance
+from sandbox.scene.attachments import Carried
 from sandbox.scene.lattice import FloatArray, IntArray
 from sandbox.scene.look import build_appearance
 from sandbox.scene.model import Body, Bracing, Collider, Custom, Material, Scene
 from sandbox.scene.ordering import locality_order
 from sandbox.scene.placement import rotation_matrix, spin
 from sandbox.scene.shapes import Geometry, generate
+from sandbox.scene.spring_set import SpringSet
+from sandbox.scene.surfaces import FaceSet, Gas
 
 DEFAULT_DENSITY = 1000.0
 """Density of a body that gives neither density nor mass [kg/m^3]: water, and so most tissue and jelly."""
@@ -53,16 +58,18 @@ class Assembly:
     """Contact radii [m], shape (N,)."""
     particle_body: IntArray
     """Body of every particle, shape (N,)."""
-    springs: IntArray
-    """Pairs of particles, in the scene's order of springs, shape (S, 2)."""
-    spring_rest_lengths: FloatArray
-    """Rest lengths [m], shape (S,)."""
-    spring_stiffness: FloatArray
-    """Stiffness [N/m], shape (S,)."""
-    spring_damping: FloatArray
-    """Damping [N s/m], shape (S,)."""
-    spring_body: IntArray
-    """Body of every spring, shape (S,)."""
+    spring_set: SpringSet
+    """All springs, body after body, then those of attachments."""
+    families: IntArray
+    """Family of every body, the same for bodies that attachments hold together, shape (B,)."""
+    carried: Carried
+    """Particles that colliders carry."""
+    gas_faces: FaceSet
+    """Faces of all bodies with gas, body after body."""
+    gases: tuple[Gas, ...]
+    """The gas in them, in the order of their bodies."""
+    wind_faces: FaceSet
+    """Faces that the scene's wind blows on."""
     contacts: tuple[tuple[ContactPair, ...], ...]
     """One row a collider, one entry a body."""
     appearance: Appearance
@@ -73,7 +80,19 @@ class Assembly:
 
     @property
     def spring_count(self) -> int:
-        return len(self.springs)
+        return len(self.spring_set)
+
+    @property
+    def springs(self) -> IntArray:
+        """Pairs of particles, shape (S, 2)."""
+        return self.spring_set.ends
+
+    @property
+    def meets_particles(self) -> bool:
+        """True where particles of some bodies can touch each other."""
+        bodies = self.scene.bodies
+        touching = sum(body.radius > 0.0 for body in bodies) > 1 or any(body.self_contact for body in bodies)
+        return self.scene.contact.enabled and touching
 
     @property
     def colliders(self) -> tuple[Collider, ...]:
@@ -96,29 +115,53 @@ def assemble(scene: Scene) -> Assembly:
     first = np.cumsum([0] + [len(part.masses) for part in parts])
     positions = np.concatenate([part.positions for part in parts])
     particle_body = np.repeat(np.arange(len(parts), dtype=np.int32), np.diff(first))
-    springs = np.concatenate([part.geometry.springs + offset for part, offset in zip(parts, first, strict=False)])
-    order = locality_order(positions, particle_body, springs)
+    own = [
+        part.springs.shifted(int(offset), index) for index, (part, offset) in enumerate(zip(parts, first, strict=False))
+    ]
+    held = attachments.resolve(scene, positions, first, own)
+    springs = SpringSet.joined([*own, *held.springs])
+    masses = np.concatenate([part.masses for part in parts])
+    pinned = np.concatenate([part.pinned for part in parts])
+    pinned[held.pinned] = True
+    velocities = np.concatenate([part.velocities for part in parts])
+    velocities[pinned] = 0.0
+    order = locality_order(positions, particle_body, springs.ends)
     internal = np.empty_like(order)
     internal[order] = np.arange(len(order))
-    masses = np.concatenate([part.masses for part in parts])
-    inverse = np.where(np.concatenate([part.pinned for part in parts]), 0.0, 1.0 / masses)
+    springs = springs.renumbered(internal)
+    faces = [internal[part.faces + offset].astype(np.int32) for part, offset in zip(parts, first, strict=False)]
     return Assembly(
         scene=scene,
         dimension=scene.dimension,
         order=order,
         positions=positions[order],
-        velocities=np.concatenate([part.velocities for part in parts])[order],
+        velocities=velocities[order],
         masses=masses[order],
-        inverse_masses=inverse[order],
-        radii=np.concatenate([np.full(len(part.masses), part.body.radius) for part in parts])[order],
+        inverse_masses=np.where(pinned, 0.0, 1.0 / masses)[order],
+        radii=np.array([body.radius for body in scene.bodies])[particle_body][order],
         particle_body=particle_body[order],
-        springs=internal[springs].astype(np.int32).reshape(-1, 2),
-        spring_rest_lengths=np.concatenate([part.geometry.rest_lengths for part in parts]),
-        spring_stiffness=np.concatenate([part.stiffness for part in parts]),
-        spring_damping=np.concatenate([part.damping for part in parts]),
-        spring_body=np.repeat(np.arange(len(parts), dtype=np.int32), [len(p.geometry.springs) for p in parts]),
+        spring_set=springs,
+        families=held.families,
+        carried=held.carried.renumbered(internal),
+        gas_faces=_faces_of(parts, faces, springs, scene, lambda part: part.body.pressure is not None),
+        gases=tuple(
+            surfaces.gas_of(index, part.body, part.faces, part.positions, scene.actions)
+            for index, part in enumerate(parts)
+            if part.body.pressure is not None
+        ),
+        wind_faces=_faces_of(parts, faces, springs, scene, lambda part: scene.wind is not None and part.feels_wind),
         contacts=tuple(tuple(_combine(c, part.body.material) for part in parts) for c in scene.colliders),
-        appearance=build_appearance(scene, [part.geometry for part in parts], positions, internal),
+        appearance=build_appearance(scene, [part.geometry for part in parts], positions, internal, springs),
+    )
+
+
+def _faces_of(
+    parts: "list[_Part]", faces: list[IntArray], springs: SpringSet, scene: Scene, chosen: Callable[["_Part"], bool]
+) -> FaceSet:
+    return surfaces.collect(
+        [(index, own) for index, (part, own) in enumerate(zip(parts, faces, strict=True)) if chosen(part)],
+        springs.ends,
+        scene.dimension,
     )
 
 
@@ -132,19 +175,33 @@ class _Part:
     velocities: FloatArray
     masses: FloatArray
     pinned: NDArray[np.bool_]
-    stiffness: FloatArray
-    damping: FloatArray
+    springs: SpringSet
+
+    @property
+    def faces(self) -> IntArray:
+        """Faces of the body itself in its own particles: triangles in 3D, edges in 2D, shape (F, d)."""
+        geometry = self.geometry
+        if geometry.points.shape[1] == 3:
+            return geometry.triangles if len(geometry.carried_nodes) == 0 else geometry.triangles[:0]
+        return geometry.outline if len(geometry.outline) else geometry.capsules
+
+    @property
+    def feels_wind(self) -> bool:
+        """Whether wind blows on the body."""
+        return self.geometry.membrane if self.body.wind is None else self.body.wind
 
     @classmethod
     def build(cls, index: int, body: Body, scene: Scene) -> "_Part":
         where = f"bodies[{index}]"
-        geometry = generate(body.shape, scene.dimension)
+        try:
+            geometry = generate(body.shape, scene.dimension)
+        except SceneError as error:
+            raise SceneError(f"{where}.shape: {error}") from None
         turn = rotation_matrix(body.rotation, scene.dimension)
         arms = geometry.points @ turn.T
         positions = arms + (0.0 if body.position is None else np.asarray(body.position))
         pinned = _pinned(where, body, geometry, positions)
         velocities = _velocities(body, geometry, arms, turn)
-        velocities[pinned] = 0.0
         masses = _masses(where, body.material, geometry)
         stiffness = _stiffness(where, body, geometry)
         for name, values in (("positions", positions), ("velocities", velocities), ("masses", masses)):
@@ -157,8 +214,13 @@ class _Part:
             velocities=velocities,
             masses=masses,
             pinned=pinned,
-            stiffness=stiffness,
-            damping=_damping(body.material, stiffness, masses, pinned, geometry.springs),
+            springs=SpringSet.of_body(
+                body.material,
+                geometry.springs,
+                geometry.rest_lengths,
+                stiffness,
+                _damping(body.material, stiffness, masses, pinned, geometry.springs),
+            ),
         )
 
 
@@ -216,12 +278,13 @@ def _stiffness(where: str, body: Body, geometry: Geometry) -> FloatArray:
     if count == 0:
         return np.zeros(0)
     if material.stiffness is not None:
-        return np.full(count, material.stiffness)
+        ratio = np.ones(count) if geometry.spring_ratio is None else geometry.spring_ratio
+        return np.asarray(material.stiffness * ratio)
     if material.youngs_modulus is None:
         raise SceneError(f"{where}.material: give stiffness or youngs_modulus for the springs of the shape")
     if isinstance(body.shape, Custom) or geometry.spring_scale is None:
         raise SceneError(f"{where}.material.youngs_modulus: a custom shape has no lattice; give stiffness")
-    if getattr(body.shape, "bracing", Bracing.FACE) is Bracing.NONE:
+    if getattr(body.shape, "bracing", Bracing.FACE) is Bracing.NONE and not geometry.membrane:
         raise SceneError(f"{where}.material.youngs_modulus: bracing none resists no shear; give stiffness")
     if not np.isfinite(geometry.spring_scale).all():
         raise SceneError(
@@ -249,3 +312,16 @@ def _combine(collider: Collider, material: Material) -> ContactPair:
     if material.restitution is not None:
         restitution = max(restitution, material.restitution)
     return ContactPair(restitution=restitution, friction=friction)
+
+
+def combine_bodies(materials: Sequence[Material]) -> tuple[FloatArray, FloatArray]:
+    """Restitution and friction between every two bodies [1], each of shape (B, B).
+
+    As with colliders: the larger restitution, the geometric mean of frictions; what one of two bodies
+    does not say the other says for both, and what neither says is 0.
+    """
+    restitution = np.array([material.restitution or 0.0 for material in materials])
+    friction = np.array([np.nan if material.friction is None else material.friction for material in materials])
+    one, other = friction[:, None], friction[None, :]
+    mean = np.sqrt(np.where(np.isnan(one), other, one) * np.where(np.isnan(other), one, other))
+    return np.maximum.outer(restitution, restitution), np.nan_to_num(mean)

@@ -34,6 +34,8 @@ class Lattice:
     """Pairs of particles, shape (spring_count, 2)."""
     spring_scale: FloatArray
     """Spring stiffness over Young's modulus, k / E [m] (2D: times 1 m thickness), shape (spring_count,)."""
+    spring_ratio: FloatArray | None
+    """Stiffness over that of structural springs where all of those are equal [1]; None without bend springs."""
     mass_share: FloatArray
     """Fraction of the mass at every particle, shape (particle_count,)."""
     faces: IntArray
@@ -87,11 +89,14 @@ def isotropic_scales(spacing: tuple[float, ...], bracing: Bracing) -> dict[Offse
     return scales
 
 
-def build_lattice(occupied: NDArray[np.bool_], spacing: tuple[float, ...], bracing: Bracing) -> Lattice:
+def build_lattice(
+    occupied: NDArray[np.bool_], spacing: tuple[float, ...], bracing: Bracing, bend: float = 0.0
+) -> Lattice:
     """Particles at the corners of the occupied cells, springs weighted by the cells that share them.
 
     A spring inside is shared by 4 (axial, 3D) or 2 cells; on a free surface it stands for those that
-    exist. ``occupied`` has one entry a cell; ``spacing`` is the cell's size [m].
+    exist. ``occupied`` has one entry a cell; ``spacing`` is the cell's size [m]. With ``bend`` > 0 there
+    are also bend springs, that many times as stiff as the axial ones beside them.
     """
     dimension = occupied.ndim
     node_cells = _cells_around_nodes(occupied)
@@ -102,14 +107,24 @@ def build_lattice(occupied: NDArray[np.bool_], spacing: tuple[float, ...], braci
     points = np.argwhere(used) * np.asarray(spacing) + corner
     scales = _scales_or_unit(spacing, bracing)
     springs, weights = [], []
+    bend_springs, bend_weights = [], []
     for offset in spring_offsets(dimension, bracing):
-        pair, share = _springs_along(occupied, node_index, offset)
-        springs.append(pair)
-        weights.append(share * scales[tuple(abs(component) for component in offset)])
+        share = _shares(occupied, offset)
+        there = share > 0.0
+        scale = scales[tuple(abs(component) for component in offset)]
+        if bend > 0.0 and sum(map(abs, offset)) == 1:
+            share, bend_share = _with_bend(share, offset.index(1), bend)
+            bend_springs.append(_pairs(node_index, tuple(2 * o for o in offset), bend_share > 0.0))
+            bend_weights.append(bend_share[bend_share > 0.0] * scale)
+        springs.append(_pairs(node_index, offset, there))
+        weights.append(share[there] * scale)
+    structural_count = sum(map(len, springs))
+    all_springs = np.concatenate(springs + bend_springs).astype(np.int32)
     return Lattice(
         points=points,
-        springs=np.concatenate(springs).astype(np.int32),
-        spring_scale=np.concatenate(weights),
+        springs=all_springs,
+        spring_scale=np.concatenate(weights + bend_weights),
+        spring_ratio=np.where(np.arange(len(all_springs)) < structural_count, 1.0, bend) if bend > 0.0 else None,
         mass_share=node_cells[used] / node_cells.sum(),
         faces=_boundary(occupied, node_index),
         cells=_fill(occupied, node_index) if dimension == 2 else np.zeros((0, 3), np.int32),
@@ -133,15 +148,24 @@ def _cells_around_nodes(occupied: NDArray[np.bool_]) -> NDArray[np.int64]:
     return counts
 
 
-def _springs_along(
-    occupied: NDArray[np.bool_], node_index: NDArray[np.int64], offset: Offset
-) -> tuple[NDArray[np.int64], FloatArray]:
-    """Springs of one offset and the fraction of their sharing cells that are occupied."""
-    nodes = node_index.shape
-    start = tuple(slice(max(0, -o), n - max(0, o)) for o, n in zip(offset, nodes, strict=True))
-    end = tuple(slice(max(0, o), n - max(0, -o)) for o, n in zip(offset, nodes, strict=True))
-    a, b = node_index[start], node_index[end]
-    shared = np.zeros(a.shape, dtype=np.int64)
+def _ends(nodes: tuple[int, ...], offset: Offset) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
+    """Slices of a grid of nodes with the first and the second ends of all springs of one offset."""
+    start = tuple(slice(max(0, -o), max(0, n - max(0, o))) for o, n in zip(offset, nodes, strict=True))
+    end = tuple(slice(max(0, o), max(0, n - max(0, -o))) for o, n in zip(offset, nodes, strict=True))
+    return start, end
+
+
+def _pairs(node_index: NDArray[np.int64], offset: Offset, there: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Springs of one offset that are there, as pairs of nodes."""
+    start, end = _ends(node_index.shape, offset)
+    return np.stack([node_index[start][there], node_index[end][there]], axis=1)
+
+
+def _shares(occupied: NDArray[np.bool_], offset: Offset) -> FloatArray:
+    """Fraction of the cells that share a spring which are occupied, for all springs of one offset, on a grid."""
+    start, _ = _ends(tuple(n + 1 for n in occupied.shape), offset)
+    shape = tuple(s.stop - s.start for s in start)
+    shared = np.zeros(shape, dtype=np.int64)
     padded = np.pad(occupied, 1)
     free = [axis for axis, o in enumerate(offset) if o == 0]
     for sides in itertools.product((-1, 0), repeat=len(free)):
@@ -149,10 +173,25 @@ def _springs_along(
         for axis, o in enumerate(offset):
             # Cell c spans nodes c and c + 1; +1 for the padding.
             shift = 1 if o != 0 else 1 + sides[free.index(axis)]
-            window.append(slice(shift, shift + a.shape[axis]))
+            window.append(slice(shift, shift + shape[axis]))
         shared += padded[tuple(window)]
-    there = shared > 0
-    return np.stack([a[there], b[there]], axis=1), shared[there] / 2.0 ** len(free)
+    return shared / 2.0 ** len(free)
+
+
+def _with_bend(share: FloatArray, axis: int, bend: float) -> tuple[FloatArray, FloatArray]:
+    """Shares of the axial springs of a line, less what bend springs take over, and shares of the bend springs.
+
+    A line stretched evenly by strain e pulls with k a e; a bend spring of stiffness q k that skips a node adds
+    2 a q k e to both axial springs under it. Each axial spring gives up just that, so that the pull, and Young's
+    modulus with it, stays the same everywhere: inside k / (1 + 4 bend) remains, at the ends more.
+    """
+    before = tuple(slice(0, -1) if i == axis else slice(None) for i in range(share.ndim))
+    after = tuple(slice(1, None) if i == axis else slice(None) for i in range(share.ndim))
+    bend_share = np.minimum(share[before], share[after]) * (bend / (1.0 + 4.0 * bend))
+    axial = share.copy()
+    axial[before] -= 2.0 * bend_share
+    axial[after] -= 2.0 * bend_share
+    return axial, bend_share
 
 
 def _boundary(occupied: NDArray[np.bool_], node_index: NDArray[np.int64]) -> IntArray:

@@ -67,7 +67,7 @@ def load_scene(source: str | os.PathLike[str], overrides: Mapping[str, Any] | No
     Raises SceneError, with one line that says where the mistake is.
     """
     path = find_scene(source)
-    return scene_from_data(read_toml(path), overrides, source=str(source))
+    return scene_from_data(read_toml(path), overrides, source=str(source), folder=path.parent)
 
 
 def find_scene(source: str | os.PathLike[str]) -> Path:
@@ -100,12 +100,15 @@ def scene_from_data(
     overrides: Mapping[str, Any] | None,
     source: str = "scene",
     options: Mapping[str, str] | None = None,
+    folder: Path | None = None,
 ) -> Scene:
     """A validated scene from plain data.
 
-    ``source`` begins the text of errors; ``options`` tells for an override which option it came from.
+    ``source`` begins the text of errors; ``options`` tells for an override which option it came from;
+    relative paths of mesh files start at ``folder``, by default the working directory.
     """
     raw: dict[str, Any] = copy.deepcopy(dict(data))
+    _anchor_files(raw, folder or Path())
     for key, value in (overrides or {}).items():
         _override(raw, key, value)
     try:
@@ -118,6 +121,16 @@ def scene_from_data(
         raise SceneError(f"{source}: is nested too deeply") from None
     check_dimensions(scene, source)
     return scene
+
+
+def _anchor_files(data: dict[str, Any], folder: Path) -> None:
+    """Make the paths of mesh files absolute, so that the scene can be written anywhere."""
+    for key, nested in (("bodies", "shape"), ("colliders", None)):
+        entries = data.get(key)
+        for entry in entries if isinstance(entries, list | tuple) else ():
+            part = entry.get(nested) if nested and isinstance(entry, dict) else entry
+            if isinstance(part, dict) and isinstance(part.get("file"), str) and part["file"]:
+                part["file"] = os.path.abspath(folder / Path(part["file"]).expanduser())
 
 
 def parse_assignment(text: str) -> tuple[str, Any]:
@@ -243,38 +256,79 @@ def _dimension_problems(scene: Scene) -> Iterable[tuple[str, str]]:
     for where, name, value in _walk(scene):
         if name in _VECTOR_KEYS and isinstance(value, tuple) and len(value) != dimension:
             yield where, f"must have {dimension} components in a {dimension}D scene, got {len(value)}"
-        if name in ("points", "velocities") and isinstance(value, tuple):
-            for row, vector in enumerate(value):
-                if len(vector) != dimension:
-                    yield (
-                        f"{where}[{row}]",
-                        f"must have {dimension} components in a {dimension}D scene, got {len(vector)}",
-                    )
+        if name in ("points", "velocities", "holes") and isinstance(value, tuple):
+            yield from _point_problems(where, value, dimension)
         if name in ("rotation", "angular_velocity") and value is not None:
             if dimension == 2 and isinstance(value, tuple):
                 yield where, "must be one number in a 2D scene"
             if dimension == 3 and not isinstance(value, tuple) and value != 0.0:
                 yield where, "must be three numbers in a 3D scene"
     for index, body in enumerate(scene.bodies):
-        shape = body.shape
-        where = f"bodies[{index}].shape"
-        if isinstance(shape, model.Box) and len(shape.cells) != dimension:
-            yield f"{where}.cells", f"must have {dimension} entries in a {dimension}D scene, got {len(shape.cells)}"
-        if isinstance(shape, model.Box | model.Ball | model.Sheet):
-            cells = (shape.cells,) * dimension if isinstance(shape.cells, int) else shape.cells
-            count = math.prod(n + 1 for n in cells)
-            if count > MOST_PARTICLES:
-                yield f"{where}.cells", f"makes {count:.3g} particles, at most {MOST_PARTICLES:.3g} are taken"
-        if isinstance(shape, model.Sheet) and dimension == 2:
-            yield f"{where}.kind", "a sheet needs a 3D scene; in 2D use a box or a rope"
-    names = [body.name for body in scene.bodies]
-    for index, name in enumerate(names):
-        if name in names[:index]:
-            yield f"bodies[{index}].name", f"{name!r} is the name of an earlier body too"
+        yield from _shape_problems(f"bodies[{index}].shape", body.shape, dimension)
+    for index, collider in enumerate(scene.colliders):
+        yield from _kind_problem(f"colliders[{index}].kind", collider, dimension)
+    yield from _name_problems(scene)
+
+
+def _point_problems(where: str, rows: tuple[Any, ...], dimension: int) -> Iterable[tuple[str, str]]:
+    for row, vector in enumerate(rows):
+        if vector and isinstance(vector[0], tuple):
+            yield from _point_problems(f"{where}[{row}]", vector, dimension)
+        elif len(vector) != dimension:
+            yield f"{where}[{row}]", f"must have {dimension} components in a {dimension}D scene, got {len(vector)}"
+
+
+# What there is in one dimension only, and what to take in the other.
+_ONLY: dict[type, tuple[int, str]] = {
+    model.Sheet: (3, "in 2D use a box or a rope"),
+    model.Shell: (3, "in 2D use a ring"),
+    model.Mesh: (3, "in 2D use a polygon"),
+    model.Ring: (2, "in 3D use a shell"),
+    model.Polygon: (2, "in 3D use a mesh"),
+    model.PolygonCollider: (2, "in 3D use a mesh"),
+    model.MeshCollider: (3, "in 2D use a polygon"),
+}
+
+
+def _kind_problem(where: str, part: Any, dimension: int) -> Iterable[tuple[str, str]]:
+    only, instead = _ONLY.get(type(part), (dimension, ""))
+    if only != dimension:
+        yield where, f"a {part.kind} needs a {only}D scene; {instead}"
+
+
+def _shape_problems(where: str, shape: Any, dimension: int) -> Iterable[tuple[str, str]]:
+    if isinstance(shape, model.Box) and len(shape.cells) != dimension:
+        yield f"{where}.cells", f"must have {dimension} entries in a {dimension}D scene, got {len(shape.cells)}"
+    yield from _kind_problem(f"{where}.kind", shape, dimension)
+    if isinstance(shape, model.Box | model.Ball | model.Sheet):
+        cells = (shape.cells,) * dimension if isinstance(shape.cells, int) else shape.cells
+        count = math.prod(n + 1 for n in cells)
+        if count > MOST_PARTICLES:
+            yield f"{where}.cells", f"makes {count:.3g} particles, at most {MOST_PARTICLES:.3g} are taken"
+    if isinstance(shape, model.Polygon):
+        extent = [max(axis) - min(axis) for axis in zip(*shape.points, strict=False)]
+        count = math.prod(length / shape.spacing + 1.0 for length in extent)
+        if count > MOST_PARTICLES:
+            yield f"{where}.spacing", f"makes {count:.3g} particles, at most {MOST_PARTICLES:.3g} are taken"
+
+
+def _name_problems(scene: Scene) -> Iterable[tuple[str, str]]:
+    names = [(f"bodies[{index}].name", body.name) for index, body in enumerate(scene.bodies)]
+    names += [(f"colliders[{index}].name", c.name) for index, c in enumerate(scene.colliders) if c.name]
+    taken: set[str] = set()
+    for where, name in names:
+        if name in taken:
+            yield where, f"{name!r} is the name of an earlier body or collider too"
+        taken.add(name)
+    gas = {body.name for body in scene.bodies if body.pressure is not None}
+    for index, action in enumerate(scene.actions):
+        if action.body not in gas:
+            yield f"actions[{index}].body", f"there is no body {action.body!r} with pressure"
 
 
 _VECTOR_KEYS = {
     "gravity", "position", "velocity", "point", "normal", "size", "start", "end", "eye", "target", "min", "max",
+    "center", "axis",
 }  # fmt: skip
 
 

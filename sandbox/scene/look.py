@@ -9,6 +9,8 @@ from sandbox.scene.appearance import Appearance
 from sandbox.scene.lattice import FloatArray, IntArray
 from sandbox.scene.model import HalfSpace, Scene
 from sandbox.scene.shapes import Geometry, lengths
+from sandbox.scene.spring_set import SpringSet
+from sandbox.scene.surfaces import edge_springs
 
 # Okabe and Ito's colour-blind safe palette, reordered so that neighbours differ most.
 PALETTE = ("#E8604C", "#3D9BE0", "#F2B134", "#2FB58A", "#B678D8", "#6BC8E8", "#E88AAE", "#8C9A3C")
@@ -18,17 +20,28 @@ _BALL_RADIUS = 0.16
 
 
 def build_appearance(
-    scene: Scene, geometries: Sequence[Geometry], positions: FloatArray, internal: NDArray[np.int64]
+    scene: Scene,
+    geometries: Sequence[Geometry],
+    positions: FloatArray,
+    internal: NDArray[np.int64],
+    springs: SpringSet,
 ) -> Appearance:
-    """Drawable elements in internal particle indices. ``positions`` are in scene order [m]."""
+    """Drawable elements in internal particle indices. ``positions`` are in scene order [m], springs internal."""
     first = np.cumsum([0] + [len(g.points) for g in geometries])
     element = _element_size(geometries)
+
+    carried_first = np.cumsum([len(positions)] + [len(g.carried_nodes) for g in geometries])
+    # A body's own points by their internal indices, then its carried ones, which come after all particles.
+    numbers = [
+        np.concatenate([internal[a:b], np.arange(c, c + len(g.carried_nodes))])
+        for g, a, b, c in zip(geometries, first, first[1:], carried_first, strict=False)
+    ]
 
     def gather(name: str, width: int) -> tuple[IntArray, IntArray]:
         rows = [getattr(g, name) for g in geometries]
         bodies = np.repeat(np.arange(len(rows), dtype=np.int32), [len(r) for r in rows])
-        indices = np.concatenate([r.reshape(-1, width) + offset for r, offset in zip(rows, first, strict=False)])
-        return internal[indices.astype(np.int64)].astype(np.int32), bodies
+        indices = [own[r.reshape(-1, width).astype(np.int64)] for r, own in zip(rows, numbers, strict=True)]
+        return np.concatenate(indices).astype(np.int32), bodies
 
     triangles, triangle_body = gather("triangles", 3)
     outline, outline_body = gather("outline", 2)
@@ -40,6 +53,8 @@ def build_appearance(
     sphere_body = np.repeat(np.arange(len(shown), dtype=np.int32), [len(s) for s in shown])
     rod = np.array([g.capsule_radius or _STRUT_RADIUS * element for g in geometries])
     bead = np.array([body.radius or _BALL_RADIUS * element for body in scene.bodies])
+    carried_nodes, carried_weights = _carried(geometries, first, internal)
+    tears = springs.tears
     return Appearance(
         dimension=scene.dimension,
         triangles=triangles,
@@ -58,7 +73,27 @@ def build_appearance(
         bounds=_expected_bounds(scene, positions, first)
         + np.array([[-1.0], [1.0]]) * bead[sphere_body].max(initial=0.0),
         element_size=element,
+        particle_count=len(positions),
+        carried_nodes=carried_nodes,
+        carried_weights=carried_weights,
+        triangle_springs=edge_springs(triangles, springs.ends) if tears else None,
+        outline_spring=edge_springs(outline, springs.ends)[:, 0] if tears else None,
+        capsule_spring=edge_springs(capsules, springs.ends)[:, 0] if tears else None,
     )
+
+
+def _carried(
+    geometries: Sequence[Geometry], first: NDArray[np.int64], internal: NDArray[np.int64]
+) -> tuple[IntArray, FloatArray]:
+    """Nodes and weights of all carried points; bodies of fewer nodes a point are filled with weight 0."""
+    width = max(g.carried_nodes.shape[1] for g in geometries)
+    nodes = [np.zeros((0, width), dtype=np.int64)]
+    weights = [np.zeros((0, width))]
+    for geometry, offset in zip(geometries, first, strict=False):
+        missing = ((0, 0), (0, width - geometry.carried_nodes.shape[1]))
+        nodes.append(internal[np.pad(geometry.carried_nodes, missing, mode="edge").astype(np.int64) + offset])
+        weights.append(np.pad(geometry.carried_weights, missing))
+    return np.concatenate(nodes).astype(np.int32), np.concatenate(weights)
 
 
 def _rgb(color: str) -> tuple[float, float, float]:

@@ -84,7 +84,7 @@ WRONG = [
     ("bodies.0.shape.size", [1.0, 1.0, 1.0], "bodies[0].shape.size: must have 2 components in a 2D scene, got 3"),
     ("bodies.0.shape.cells", [2], "bodies[0].shape.cells: must have 2 entries in a 2D scene, got 1"),
     ("bodies.0.shape.cells", [2.5, 2], "bodies[0].shape.cells[0]: must be a whole number, got 2.5"),
-    ("bodies.0.shape.kind", "bx", "bodies[0].shape: kind must be one of 'box', 'ball', 'rope', 'sheet', 'custom'"),
+    ("bodies.0.shape.kind", "bx", "bodies[0].shape: kind must be one of 'box', 'ball', 'rope', 'sheet', 'ring',"),
     ("bodies.0.shape.springs", [[0, 1]], "bodies[0].shape.springs: unknown key"),
     (
         "bodies.0.shape",

@@ -1,0 +1,68 @@
+"""The scene itself, how it is solved and what is looked at."""
+
+from enum import StrEnum
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from sandbox.scene.model.base import Flag, Model, NonNegative, Positive, Real, Vector
+from sandbox.scene.model.bodies import Attachment, Body
+from sandbox.scene.model.colliders import Collider
+from sandbox.scene.model.render import Render
+from sandbox.scene.model.surroundings import Action, Contact, Wind
+
+
+class IntegratorName(StrEnum):
+    """Time integration schemes, by the field's names."""
+
+    SYMPLECTIC_EULER = "symplectic_euler"
+    VELOCITY_VERLET = "velocity_verlet"
+
+
+class Precision(StrEnum):
+    """Floating-point format of every field and kernel."""
+
+    F32 = "f32"
+    F64 = "f64"
+
+
+class Solver(Model):
+    """How time is stepped."""
+
+    integrator: IntegratorName = Field(IntegratorName.SYMPLECTIC_EULER, description="time integration scheme")
+    dt: Positive | Literal["auto"] = Field(
+        "auto", description='largest step [s], or "auto": `safety` times the stability limit of the scheme'
+    )
+    safety: Annotated[Real, Field(gt=0, le=1)] = Field(
+        0.8, description='fraction of the stability limit that dt = "auto" takes'
+    )
+    precision: Precision = Field(Precision.F32, description="floating-point format of every field and kernel")
+
+
+class Diagnostics(Model):
+    """Bounds past which a run counts as diverged, and what is booked beside the energies."""
+
+    ledger: Flag = Field(False, description="book the work of every part that adds or takes energy")
+
+    max_strain: Positive = Field(10.0, description="largest spring strain |r - L| / L before the run stops [1]")
+    max_speed: Positive = Field(1e5, description="largest particle speed before the run stops [m/s]")
+
+
+class Scene(Model):
+    """A soft-body scene in SI units; 2D bodies are 1 m thick."""
+
+    title: str = Field("", description="one line, for lists and captions")
+    description: str = Field("", description="what to look for")
+    dimension: Literal[2, 3] = Field(description="2 or 3")
+    duration: Positive = Field(3.0, description="simulated time [s]")
+    gravity: Vector | None = Field(None, description="gravitational acceleration [m/s^2]; none by default")
+    drag: NonNegative = Field(0.0, description="drag rate gamma [1/s]: force -gamma m v on every particle")
+    solver: Solver = Solver()
+    diagnostics: Diagnostics = Diagnostics()
+    render: Render = Render()
+    bodies: tuple[Body, ...] = Field(min_length=1, description="the soft bodies")
+    colliders: tuple[Collider, ...] = Field((), description="solid things that bodies meet")
+    attachments: tuple[Attachment, ...] = Field((), description="what holds bodies together, or to colliders")
+    wind: Wind | None = Field(None, description="moving air; none by default")
+    contact: Contact = Contact()
+    actions: tuple[Action, ...] = Field((), description="what is done to the bodies, and when")
