@@ -67,7 +67,8 @@ def cube_appearance(triangles: np.ndarray) -> Appearance:
         outline_body=none, capsules=pairs, capsule_radius=np.zeros(0), capsule_body=none, spheres=none,
         sphere_radius=np.zeros(0), sphere_body=none, body_colors=palette.body_palette(1),
         body_two_sided=np.array([False]), colliders=(ground,), bounds=np.array([[-0.8, 0.0, -0.7], [0.8, 1.8, 0.7]]),
-        element_size=1 / 16,
+        element_size=1 / 16, particle_count=int(triangles.max()) + 1,
+        carried_nodes=np.zeros((0, 1), dtype=np.int32), carried_weights=np.zeros((0, 1)),
     )  # fmt: skip
 
 

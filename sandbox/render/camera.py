@@ -5,11 +5,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sandbox.scene.appearance import FloatArray
 from sandbox.scene.model import Camera
-
-FloatArray = NDArray[np.float64]
 
 AZIMUTH = math.radians(32.0)
 ELEVATION = math.radians(15.0)

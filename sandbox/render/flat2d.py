@@ -6,10 +6,11 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from sandbox.render import colliders2d, palette, raster2d, tiles, vertices
+from sandbox.render import colliders2d, palette, paper2d, raster2d, tiles, vertices
 from sandbox.render.arrays import upload, zeros
 from sandbox.render.camera import frame_2d
 from sandbox.render.colliders import grid_spacing
+from sandbox.render.tearing import Tearing
 from sandbox.render.types import vec2, vec3, vec4
 from sandbox.render.view import TILE
 from sandbox.scene.appearance import Appearance
@@ -36,12 +37,23 @@ class FlatPainter:
         self._table = upload(palette.encode_table_flat(), ti.i32)
         self._colormap = upload(palette.to_linear(np.zeros((2, 3)) if colormap is None else colormap), ti.f32)
         self._body_color = upload(palette.to_linear(appearance.body_colors), ti.f32)
-        self._triangles = upload(appearance.triangles, ti.i32)
-        self._triangle_body = upload(appearance.triangle_body, ti.i32)
-        self._triangle_count = len(appearance.triangles)
+        # Carried points are for three dimensions: what hangs on them is not there.
+        is_drawn = np.all(appearance.triangles < appearance.particle_count, axis=1)
+        self._triangles = upload(appearance.triangles[is_drawn], ti.i32)
+        self._triangle_body = upload(appearance.triangle_body[is_drawn], ti.i32)
+        self._triangle_count = int(np.count_nonzero(is_drawn))
+        springs = appearance.triangle_springs
+        self._tearing = Tearing(
+            [
+                (None if springs is None else springs[is_drawn], self._triangle_count),
+                (appearance.capsule_spring, len(appearance.capsules)),
+                (appearance.outline_spring, len(appearance.outline)),
+                (None, len(appearance.spheres)),
+            ]
+        )
         self._create_rounds(appearance, size)
         self._create_buffers(size)
-        self._paint_paper(appearance, size)
+        self._create_paper(appearance, size)
 
     def _create_rounds(self, appearance: Appearance, size: tuple[int, int]) -> None:
         """Springs, then outlines, then particles: later ones are drawn on top."""
@@ -71,7 +83,6 @@ class FlatPainter:
         width, height = size
         across, down = -(-width // TILE), -(-height // TILE)
         self._keys = zeros(ti.i32, height, width, raster2d.SAMPLES)
-        self._paper = ti.ndarray(vec3, (height, width))
         self._tiles, self._tiles_before = zeros(ti.i32, down, across), zeros(ti.i32, down, across)
         self._tiles_before.fill(1)
         self._tile_list = ti.ndarray(ti.i32, across * down + 1)
@@ -82,31 +93,69 @@ class FlatPainter:
         self._screen: Any = ti.ndarray(vec2, 1)
         self._values: Any = zeros(ti.f32, 1)
 
-    def _paint_paper(self, appearance: Appearance, size: tuple[int, int]) -> None:
-        rows = colliders2d.collider_rows(appearance.colliders)
-        if not len(rows):
-            rows = np.zeros((1, colliders2d.ROW), dtype=np.float32)
-            rows[0, colliders2d.KIND], rows[0, colliders2d.SHAPE] = colliders2d.DISC, -1e30
-        spacing = grid_spacing(size[1] / self.camera.scale)
-        raster2d.cast_paper(upload(rows, ti.f32), self._view, spacing, OUTLINE_WIDTH / 2 * size[1], self._paper)
+    def _create_paper(self, appearance: Appearance, size: tuple[int, int]) -> None:
+        """Paint what does not move, and keep the numbers of what does."""
+        self._line = OUTLINE_WIDTH / 2 * size[1]
+        self._paper = ti.ndarray(vec3, (size[1], size[0]))
+        self._laid = zeros(ti.i32, *self._tiles.shape)
+        self._laid.fill(1)
+        self._near = ti.ndarray(ti.i32, (self._tiles.shape[0] * self._tiles.shape[1], paper2d.NEAR_EDGES))
+        paper2d.cast_paper(self._view, grid_spacing(size[1] / self.camera.scale), self._paper)
+        still = [collider for collider in appearance.colliders if not collider.motion]
+        if still:
+            rows, edges = colliders2d.collider_rows(still), colliders2d.polygon_edges(still)
+            self._lay(upload(rows, ti.f32), upload(edges, ti.f32), self._paper)
+        self._moving = [collider for collider in appearance.colliders if collider.motion]
+        self._laid_rows: Any = None
+        self._over = self._paper
+        if self._moving:
+            self._over = ti.ndarray(vec3, (size[1], size[0]))
+            self._moving_rows = zeros(ti.f32, colliders2d.ROW * len(self._moving))
+            self._moving_edges = upload(colliders2d.polygon_edges(self._moving), ti.f32)
+            self._laid.fill(1)
 
-    def paint(self, positions: Any, slot: int, values: Any, value_scale: float) -> None:
-        """Bring the picture up to date with row `slot` of `positions`; values times `value_scale` give colours."""
+    def _lay(self, rows: Any, edges: Any, over: Any) -> None:
+        paper2d.lay_colliders(
+            rows, edges, self._view, self._line, self._paper, over, self._near, self._laid, self._tiles
+        )
+
+    def _lay_moving(self, time: float) -> None:
+        """Lay moving colliders on the paper again, unless they are where they were."""
+        rows = colliders2d.collider_rows(self._moving, time)
+        if self._laid_rows is None or not np.array_equal(rows, self._laid_rows):
+            self._laid_rows = rows
+            self._moving_rows.from_numpy(rows.ravel())
+            self._lay(self._moving_rows, self._moving_edges, self._over)
+
+    def paint(
+        self, positions: Any, slot: int, values: Any, value_scale: float, time: float = 0.0, torn: Any = None
+    ) -> None:
+        """Bring the picture up to date with row `slot` of `positions`, and colliders at `time` [s].
+
+        `values` times `value_scale` give colours; what hangs on springs that are nonzero in `torn` is left out.
+        """
         particle_count = positions.shape[1]
         if self._screen.shape[0] != particle_count:
             self._screen, self._values = ti.ndarray(vec2, particle_count), zeros(ti.f32, particle_count)
         raster2d.place_points(positions, slot, self._view, self._screen)
         if self._by_value:
             vertices.copy_values(values, value_scale, self._values)
+        if self._moving:
+            self._lay_moving(time)
+        self._tearing.update(torn)
+        can_tear, hidden = self._tearing.is_possible, self._tearing.hidden
         if self._triangle_count:
-            raster2d.draw_flat_triangles(self._triangles, self._triangle_body, self._screen, self._keys, self._tiles)
+            raster2d.draw_flat_triangles(
+                can_tear, hidden, self._triangles, self._triangle_body, self._screen, self._keys, self._tiles
+            )
         if self._round_count:
             raster2d.draw_flat_rounds(
-                self._triangle_count + 1, self._round_ends, self._round_radius, self._screen, self._keys, self._tiles
-            )
+                can_tear, hidden, self._triangle_count, self._round_ends, self._round_radius, self._screen,
+                self._keys, self._tiles,
+            )  # fmt: skip
         tiles.choose_tiles(self._tiles, self._tiles_before, self._tile_list, self._tile_reach, self._light_tiles)
         raster2d.color_tiles(
-            self._by_value, self._tile_list, self._tiles, self._keys, self._paper, self._table, self._triangles,
+            self._by_value, self._tile_list, self._tiles, self._keys, self._over, self._table, self._triangles,
             self._triangle_body, self._triangle_count, self._body_color, self._screen, self._round_ends,
             self._round_body, self._round_shade, self._values, self._colormap, self.picture,
         )  # fmt: skip

@@ -1,14 +1,12 @@
 """The key light and the frame of its shadow map. NumPy only."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sandbox.render.camera import PinholeCamera, corners, padded_bounds
-from sandbox.scene.model import BoxCollider, Collider, SphereCollider
-
-FloatArray = NDArray[np.float64]
+from sandbox.scene.appearance import FloatArray
 
 SHADOW_SIZE = 1024
 """Texels along one side of the shadow map."""
@@ -40,8 +38,11 @@ class LightFrame:
         )
 
 
-def key_light(camera: PinholeCamera, bounds: FloatArray, colliders: tuple[Collider, ...]) -> LightFrame:
-    """Light from above, to the left of and a little behind the camera; its map holds the box `bounds` [m]."""
+def key_light(camera: PinholeCamera, bounds: FloatArray, extents: Sequence[FloatArray]) -> LightFrame:
+    """Light from above, to the left of and a little behind the camera; its map holds the box `bounds` [m].
+
+    `extents` are boxes around colliders that cast [m], each of shape (2, 3): what of them is near is held, too.
+    """
     up = np.array([0.0, 1.0, 0.0])
     right = camera.right - up * (camera.right @ up)
     right /= np.linalg.norm(right)
@@ -51,7 +52,7 @@ def key_light(camera: PinholeCamera, bounds: FloatArray, colliders: tuple[Collid
     u_axis = np.cross(up, direction)
     u_axis /= np.linalg.norm(u_axis)
     v_axis = np.cross(direction, u_axis)
-    points = _casting_points(padded_bounds(bounds), colliders)
+    points = _casting_points(padded_bounds(bounds), extents)
     u, v, w = points @ u_axis, points @ v_axis, points @ direction
     width = max(np.ptp(u), np.ptp(v))
     scale = (SHADOW_SIZE - 2 * SHADOW_MARGIN) / width
@@ -62,21 +63,13 @@ def key_light(camera: PinholeCamera, bounds: FloatArray, colliders: tuple[Collid
     return LightFrame(direction, u_axis, v_axis, origin, float(scale))
 
 
-def _casting_points(bounds: FloatArray, colliders: tuple[Collider, ...]) -> FloatArray:
-    """Corners of what casts shadows: the bodies' box, and finite colliders as far as they are near it."""
+def _casting_points(bounds: FloatArray, extents: Sequence[FloatArray]) -> FloatArray:
+    """Corners of what casts shadows: the bodies' box, and colliders as far as they are near it."""
     low, high = bounds
     reach = 0.5 * (high - low).max()
     boxes = [bounds]
-    for collider in colliders:
-        match collider:
-            case SphereCollider():
-                extent = collider.radius
-            case BoxCollider():
-                extent = float(np.linalg.norm(collider.size)) / 2
-            case _:
-                continue
-        center = np.array(collider.position)
-        box = np.array([np.maximum(center - extent, low - reach), np.minimum(center + extent, high + reach)])
+    for extent in extents:
+        box = np.array([np.maximum(extent[0], low - reach), np.minimum(extent[1], high + reach)])
         if np.all(box[1] > box[0]):
             boxes.append(box)
     return np.concatenate([corners(box) for box in boxes])

@@ -15,7 +15,7 @@ class NullRenderer:
         self.color_max: float | None = None
         self._picture = np.full((size[1], size[0], 3), 128, dtype=np.uint8)
 
-    def draw(self, positions: Any, slot: int, values: Any = None) -> Picture:
+    def draw(self, positions: Any, slot: int, values: Any = None, time: float = 0.0, torn: Any = None) -> Picture:
         """A grey picture, shape (height, width, 3)."""
         return self._picture
 

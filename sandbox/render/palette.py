@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from sandbox.scene.appearance import FloatArray
 
 BODY_PALETTE = ("#e4572e", "#2e86ab", "#f2a541", "#4ba36b", "#8e5ea2", "#d4638f", "#3bb3c3", "#7a8b99")
 """sRGB colours for bodies that name none: distinct in hue and lightness."""

@@ -16,11 +16,13 @@ class Renderer(Protocol):
     color_max: float | None
     """Value at the top of the colour scale: speed [m/s] or strain [1]; None until it is known."""
 
-    def draw(self, positions: Any, slot: int, values: Any = None) -> Picture:
+    def draw(self, positions: Any, slot: int, values: Any = None, time: float = 0.0, torn: Any = None) -> Picture:
         """Draw one frame.
 
         `positions` is a Taichi vector field of shape (slot_count, particle_count) [m], of which row `slot` is drawn.
         `values` is a Taichi scalar field of shape (particle_count,), read only where colours show a quantity.
+        `time` [s] tells where moving colliders are. `torn` is a Taichi i32 field of shape (spring_count,), nonzero
+        where a spring has torn, read only where the appearance names springs; None: nothing has torn.
         """
         ...
 

@@ -14,6 +14,7 @@ from sandbox.render.view import (
     LIGHT_V,
     MOVING,
     NEAR,
+    OPEN,
     ROUND_BIT,
     SAMPLE_X,
     SAMPLE_Y,
@@ -34,6 +35,27 @@ REACH = 0.376
 def sample_key(inverse_depth, identity):
     """Depth and identity in 64 bits: the nearer is the larger; equal depths go to the larger identity."""
     return (ti.cast(ti.bit_cast(inverse_depth, ti.u32), ti.u64) << ti.u64(32)) | ti.cast(identity, ti.u64)
+
+
+@ti.func
+def identity_of(key):
+    """Identity half of a sample."""
+    return ti.cast(key & ti.u64(0xFFFFFFFF), ti.i32)
+
+
+@ti.func
+def nearness_of(key):
+    """Inverse depth half of a sample [1/m]."""
+    return ti.bit_cast(ti.cast(key >> ti.u64(32), ti.u32), ti.f32)
+
+
+@ti.func
+def is_whole(can_tear: ti.template(), hidden: ti.template(), i):
+    """True where a primitive has not torn."""
+    whole = True
+    if ti.static(can_tear):
+        whole = hidden[i] == 0
+    return whole
 
 
 @ti.func
@@ -126,9 +148,11 @@ def cover_light(a, b, c, area, shadow_map: ti.template(), shadow_block: ti.templ
 
 @ti.kernel
 def draw_triangles(
+    can_tear: ti.template(),
+    hidden: Ints,
     triangles: Ints,
     triangle_body: Ints,
-    body_open: Ints,
+    body_look: Ints,
     screen: Points,
     light: Points,
     samples: Samples,
@@ -137,19 +161,22 @@ def draw_triangles(
     shadow_block: Ints2,
     light_tiles: Ints2,
 ):
-    """Enter every triangle that faces the camera (or the light); those of open surfaces always."""
+    """Enter every whole triangle that faces the camera (or the light); those of open surfaces always."""
     for t in range(triangle_body.shape[0]):
-        i, j, k = triangles[3 * t], triangles[3 * t + 1], triangles[3 * t + 2]
-        is_open = body_open[triangle_body[t]] != 0
-        a, b, c = screen[i], screen[j], screen[k]
-        area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x)
-        if a.z > 0.0 and b.z > 0.0 and c.z > 0.0 and (area < -1e-7 or (is_open and area > 1e-7)):
-            cover_screen(a, b, c, area, t + 1, samples, tiles)
-        # New names: Taichi 1.7.4 loses a tuple of vectors that is assigned twice around a branch.
-        la, lb, lc = light[i], light[j], light[k]
-        area_lit = (lb.x - la.x) * (lc.y - la.y) - (lb.y - la.y) * (lc.x - la.x)
-        if area_lit > 1e-7 or (is_open and area_lit < -1e-7):
-            cover_light(la, lb, lc, area_lit, shadow_map, shadow_block, light_tiles)
+        if is_whole(can_tear, hidden, t):
+            i, j, k = triangles[3 * t], triangles[3 * t + 1], triangles[3 * t + 2]
+            look = body_look[triangle_body[t]]
+            a, b, c = screen[i], screen[j], screen[k]
+            area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x)
+            is_faced = area < -1e-7 or (look & OPEN != 0 and area > 1e-7)
+            if a.z > 0.0 and b.z > 0.0 and c.z > 0.0 and is_faced:
+                cover_screen(a, b, c, area, t + 1, samples, tiles)
+            # New names: Taichi 1.7.4 loses a tuple of vectors that is assigned twice around a branch.
+            la, lb, lc = light[i], light[j], light[k]
+            area_lit = (lb.x - la.x) * (lc.y - la.y) - (lb.y - la.y) * (lc.x - la.x)
+            # Colliders cast with both sides: some of their plates have but one.
+            if area_lit > 1e-7 or (look != 0 and area_lit < -1e-7):
+                cover_light(la, lb, lc, area_lit, shadow_map, shadow_block, light_tiles)
 
 
 @ti.func
@@ -261,6 +288,9 @@ def cover_light_round(
 
 @ti.kernel
 def draw_rounds(
+    can_tear: ti.template(),
+    hidden: Ints,
+    first: ti.i32,
     start: Points,
     end: Points,
     radius: Floats,
@@ -271,8 +301,9 @@ def draw_rounds(
     shadow_block: Ints2,
     light_tiles: Ints2,
 ):
-    """Enter every capsule and sphere."""
+    """Enter every whole capsule and sphere; `hidden` tells of them from `first` on."""
     for i in range(start.shape[0]):
-        a, b, r = start[i], end[i], radius[i]
-        cover_screen_round(a, b, r, i + ROUND_BIT, view, samples, tiles)
-        cover_light_round(a, b, r, view, shadow_map, shadow_block, light_tiles)
+        if is_whole(can_tear, hidden, first + i):
+            a, b, r = start[i], end[i], radius[i]
+            cover_screen_round(a, b, r, i + ROUND_BIT, view, samples, tiles)
+            cover_light_round(a, b, r, view, shadow_map, shadow_block, light_tiles)

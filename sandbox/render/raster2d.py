@@ -2,8 +2,8 @@
 
 import taichi as ti
 
-from sandbox.render.colliders2d import AXIS, KIND, LINE, POINT, RECTANGLE, ROW, SHAPE, TINT
-from sandbox.render.raster import mark_tiles
+from sandbox.render.paper2d import CENTER_X, CENTER_Y, MIDDLE_X, MIDDLE_Y, SCALE
+from sandbox.render.raster import is_whole, mark_tiles
 from sandbox.render.shade import colormap_at, encode
 from sandbox.render.types import Floats, Image3, Ints, Ints2, Keys, Picture3, Points2, vec2, vec3
 from sandbox.render.view import TILE, at3
@@ -13,7 +13,6 @@ SAMPLES = 8
 SAMPLE_X = (0.0625, -0.0625, 0.3125, -0.1875, -0.3125, -0.4375, 0.1875, 0.4375)
 SAMPLE_Y = (-0.1875, 0.1875, 0.0625, -0.3125, 0.3125, -0.0625, 0.4375, -0.4375)
 GROWTH = 1.0e-3
-CENTER_X, CENTER_Y, SCALE, MIDDLE_X, MIDDLE_Y = 0, 1, 2, 3, 4
 
 
 @ti.kernel
@@ -38,8 +37,16 @@ def sample_offset(s):
 
 
 @ti.kernel
-def draw_flat_triangles(triangles: Ints, triangle_body: Ints, screen: Points2, keys: Keys, tiles: Ints2):
-    """Enter every triangle, whichever way it turns."""
+def draw_flat_triangles(
+    can_tear: ti.template(),
+    hidden: Ints,
+    triangles: Ints,
+    triangle_body: Ints,
+    screen: Points2,
+    keys: Keys,
+    tiles: Ints2,
+):
+    """Enter every whole triangle, whichever way it turns."""
     for t in range(triangle_body.shape[0]):
         a, b, c = screen[triangles[3 * t]], screen[triangles[3 * t + 1]], screen[triangles[3 * t + 2]]
         area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x)
@@ -47,7 +54,7 @@ def draw_flat_triangles(triangles: Ints, triangle_body: Ints, screen: Points2, k
         y0 = ti.max(ti.floor(ti.min(a.y, b.y, c.y), ti.i32), 0)
         x1 = ti.min(ti.floor(ti.max(a.x, b.x, c.x), ti.i32), keys.shape[1] - 1)
         y1 = ti.min(ti.floor(ti.max(a.y, b.y, c.y), ti.i32), keys.shape[0] - 1)
-        if x0 <= x1 and y0 <= y1 and ti.abs(area) > 1e-6:
+        if x0 <= x1 and y0 <= y1 and ti.abs(area) > 1e-6 and is_whole(can_tear, hidden, t):
             mark_tiles(tiles, x0, x1, y0, y1, TILE)
             inverse = 1.0 / area
             bx, by = (c.y - a.y) * inverse, -(c.x - a.x) * inverse
@@ -66,15 +73,24 @@ def draw_flat_triangles(triangles: Ints, triangle_body: Ints, screen: Points2, k
 
 
 @ti.kernel
-def draw_flat_rounds(first: ti.i32, ends: Ints, radius: Floats, screen: Points2, keys: Keys, tiles: Ints2):
-    """Enter every line and disc, with keys from `first` on; radii are in pixels."""
+def draw_flat_rounds(
+    can_tear: ti.template(),
+    hidden: Ints,
+    first: ti.i32,
+    ends: Ints,
+    radius: Floats,
+    screen: Points2,
+    keys: Keys,
+    tiles: Ints2,
+):
+    """Enter every whole line and disc, with keys after the `first` of triangles; radii are in pixels."""
     for i in range(radius.shape[0]):
         a, b, r = screen[ends[2 * i]], screen[ends[2 * i + 1]], radius[i]
         x0 = ti.max(ti.floor(ti.min(a.x, b.x) - r, ti.i32), 0)
         y0 = ti.max(ti.floor(ti.min(a.y, b.y) - r, ti.i32), 0)
         x1 = ti.min(ti.floor(ti.max(a.x, b.x) + r, ti.i32), keys.shape[1] - 1)
         y1 = ti.min(ti.floor(ti.max(a.y, b.y) + r, ti.i32), keys.shape[0] - 1)
-        if x0 <= x1 and y0 <= y1:
+        if x0 <= x1 and y0 <= y1 and is_whole(can_tear, hidden, first + i):
             mark_tiles(tiles, x0, x1, y0, y1, TILE)
             axis = b - a
             inverse = 1.0 / ti.max(axis.dot(axis), 1e-12)
@@ -84,43 +100,41 @@ def draw_flat_rounds(first: ti.i32, ends: Ints, radius: Floats, screen: Points2,
                         dx, dy = sample_offset(s)
                         p = vec2(ti.cast(x, ti.f32) + 0.5 + dx, ti.cast(y, ti.f32) + 0.5 + dy) - a
                         off = p - axis * ti.min(ti.max(p.dot(axis) * inverse, 0.0), 1.0)
-                        if off.dot(off) <= r * r and keys[y, x, s] < first + i:
-                            ti.atomic_max(keys[y, x, s], first + i)
+                        if off.dot(off) <= r * r and keys[y, x, s] < first + i + 1:
+                            ti.atomic_max(keys[y, x, s], first + i + 1)
 
 
-@ti.kernel
-def cast_paper(rows: Floats, view: Floats, spacing: ti.f32, line: ti.f32, paper: Image3):
-    """Background with its grid, and the colliders filled and outlined, by analytic coverage."""
-    for y, x in ti.ndrange(paper.shape[0], paper.shape[1]):
-        scale = view[SCALE]
-        p = vec2(
-            view[CENTER_X] + (ti.cast(x, ti.f32) + 0.5 - view[MIDDLE_X]) / scale,
-            view[CENTER_Y] - (ti.cast(y, ti.f32) + 0.5 - view[MIDDLE_Y]) / scale,
-        )
-        color = vec3(0.93, 0.94, 0.95)
-        for k in ti.static(range(2)):
-            near = ti.abs(p[k] / spacing - ti.round(p[k] / spacing)) * spacing * scale
-            major = ti.abs(p[k] / spacing / 5.0 - ti.round(p[k] / spacing / 5.0)) * spacing * 5.0 * scale
-            color *= 1.0 - 0.07 * ti.max(0.0, 1.0 - near) - 0.07 * ti.max(0.0, 1.0 - major)
-        for i in range(rows.shape[0] // ROW):
-            at = i * ROW
-            kind = ti.cast(rows[at + KIND], ti.i32)
-            q = p - vec2(rows[at + POINT], rows[at + POINT + 1])
-            cosine, sine = rows[at + AXIS], rows[at + AXIS + 1]
-            distance = q.norm() - rows[at + SHAPE]
-            if kind == LINE:
-                distance = q.x * cosine + q.y * sine
-            elif kind == RECTANGLE:
-                across = ti.abs(q.x * cosine + q.y * sine) - rows[at + SHAPE]
-                along = ti.abs(q.y * cosine - q.x * sine) - rows[at + SHAPE + 1]
-                out = vec2(ti.max(across, 0.0), ti.max(along, 0.0))
-                distance = out.norm() + ti.min(ti.max(across, along), 0.0)
-            inside = ti.min(ti.max(0.5 - distance * scale, 0.0), 1.0)
-            edge = ti.min(ti.max(0.5 + line - ti.abs(distance * scale + line), 0.0), 1.0)
-            tint = at3(rows, at + TINT)
-            color = color * (1.0 - inside) + tint * inside
-            color = color * (1.0 - edge) + tint * (0.45 * edge)
-        paper[y, x] = color
+@ti.func
+def flat_color(
+    by_value: ti.template(), triangles: ti.template(), triangle_body: ti.template(), triangle_count,
+    body_color: ti.template(), screen: ti.template(), round_ends: ti.template(), round_body: ti.template(),
+    round_shade: ti.template(), values: ti.template(), colormap: ti.template(), key, p,
+):  # fmt: skip
+    """Linear colour of what is entered under `key`, at the middle p of a pixel."""
+    body, shade, value = 0, 1.0, 0.0
+    if key <= triangle_count:
+        t = key - 1
+        body = triangle_body[t]
+        if ti.static(by_value):
+            i, j, k = triangles[3 * t], triangles[3 * t + 1], triangles[3 * t + 2]
+            a, b, c = screen[i], screen[j] - screen[i], screen[k] - screen[i]
+            inverse = 1.0 / (b.x * c.y - b.y * c.x)
+            wb = ((p.x - a.x) * c.y - (p.y - a.y) * c.x) * inverse
+            wc = ((p.y - a.y) * b.x - (p.x - a.x) * b.y) * inverse
+            value = values[i] * (1.0 - wb - wc) + values[j] * wb + values[k] * wc
+    else:
+        r = key - 1 - triangle_count
+        body, shade = round_body[r], round_shade[r]
+        if ti.static(by_value):
+            i, j = round_ends[2 * r], round_ends[2 * r + 1]
+            axis = screen[j] - screen[i]
+            along = (p - screen[i]).dot(axis) / ti.max(axis.dot(axis), 1e-12)
+            along = ti.min(ti.max(along, 0.0), 1.0)
+            value = values[i] * (1.0 - along) + values[j] * along
+    color = at3(body_color, 3 * body)
+    if ti.static(by_value):
+        color = colormap_at(colormap, ti.min(ti.max(value, 0.0), 1.0))
+    return color * shade
 
 
 @ti.kernel
@@ -158,30 +172,10 @@ def color_tiles(
                         color = paper[y, x]
                         if key > 0:
                             p = vec2(ti.cast(x, ti.f32) + 0.5, ti.cast(y, ti.f32) + 0.5)
-                            body, shade, value = 0, 1.0, 0.0
-                            if key <= triangle_count:
-                                t = key - 1
-                                body = triangle_body[t]
-                                if ti.static(by_value):
-                                    i, j, k = triangles[3 * t], triangles[3 * t + 1], triangles[3 * t + 2]
-                                    a, b, c = screen[i], screen[j] - screen[i], screen[k] - screen[i]
-                                    inverse = 1.0 / (b.x * c.y - b.y * c.x)
-                                    wb = ((p.x - a.x) * c.y - (p.y - a.y) * c.x) * inverse
-                                    wc = ((p.y - a.y) * b.x - (p.x - a.x) * b.y) * inverse
-                                    value = values[i] * (1.0 - wb - wc) + values[j] * wb + values[k] * wc
-                            else:
-                                r = key - 1 - triangle_count
-                                body, shade = round_body[r], round_shade[r]
-                                if ti.static(by_value):
-                                    i, j = round_ends[2 * r], round_ends[2 * r + 1]
-                                    axis = screen[j] - screen[i]
-                                    along = (p - screen[i]).dot(axis) / ti.max(axis.dot(axis), 1e-12)
-                                    along = ti.min(ti.max(along, 0.0), 1.0)
-                                    value = values[i] * (1.0 - along) + values[j] * along
-                            if ti.static(by_value):
-                                color = colormap_at(colormap, ti.min(ti.max(value, 0.0), 1.0)) * shade
-                            else:
-                                color = at3(body_color, 3 * body) * shade
+                            color = flat_color(
+                                by_value, triangles, triangle_body, triangle_count, body_color, screen, round_ends,
+                                round_body, round_shade, values, colormap, key, p,
+                            )  # fmt: skip
                     total += color
                 total *= ti.static(1.0 / SAMPLES)
                 for channel in ti.static(range(3)):

@@ -3,9 +3,9 @@
 import taichi as ti
 
 from sandbox.render.palette import ENCODE_MAX, ENCODE_SIZE
-from sandbox.render.raster import hit_capsule, sample_key, sample_offset
+from sandbox.render.raster import hit_capsule, identity_of, nearness_of, sample_key, sample_offset
 from sandbox.render.shadow import is_shadow_near, turn_at, visibility
-from sandbox.render.surface import SEEP_BELOW, jelly
+from sandbox.render.surface import SEEP_BELOW, jelly, solid
 from sandbox.render.types import (
     Floats,
     Image2,
@@ -19,22 +19,24 @@ from sandbox.render.types import (
     vec2,
     vec3,
 )
-from sandbox.render.view import EYE, FOCAL, FORWARD, LIGHT, ROUND_BIT, TEXELS, TILE, at3, light_slope, ray, to_light
+from sandbox.render.view import (
+    EYE,
+    FOCAL,
+    FORWARD,
+    LIGHT,
+    OPEN,
+    ROUND_BIT,
+    SOLID,
+    TEXELS,
+    TILE,
+    at3,
+    light_slope,
+    ray,
+    to_light,
+)
 
 STEEP = 8.0
 """Depth over a pixel, in widths of a pixel, above which its samples are taken to be different surfaces."""
-
-
-@ti.func
-def identity_of(key):
-    """Identity half of a sample."""
-    return ti.cast(key & ti.u64(0xFFFFFFFF), ti.i32)
-
-
-@ti.func
-def nearness_of(key):
-    """Inverse depth half of a sample [1/m]."""
-    return ti.bit_cast(ti.cast(key >> ti.u64(32), ti.u32), ti.f32)
 
 
 @ti.func
@@ -81,7 +83,105 @@ def round_surface(start: ti.template(), end: ti.template(), radius: ti.template(
 
 
 @ti.func
-def is_one_surface(samples: ti.template(), triangle_body: ti.template(), view: ti.template(), y, x):
+def triangle_surface(
+    by_value: ti.template(),
+    triangles: ti.template(),
+    world: ti.template(),
+    normal: ti.template(),
+    screen: ti.template(),
+    value_of: ti.template(),
+    values: ti.template(),
+    t,
+    x,
+    y,
+):
+    """Point, normal, value and turning sense (negative: seen from outside) of a triangle at (x, y)."""
+    i, j, k = triangles[3 * t], triangles[3 * t + 1], triangles[3 * t + 2]
+    a, b, c = screen[i], screen[j], screen[k]
+    w = corner_weights(a, b, c, x, y)
+    p = world[i] * w.x + world[j] * w.y + world[k] * w.z
+    n = (normal[i] * w.x + normal[j] * w.y + normal[k] * w.z).normalized(1e-12)
+    value = 0.0
+    if ti.static(by_value):
+        value = values[value_of[i]] * w.x + values[value_of[j]] * w.y + values[value_of[k]] * w.z
+    return p, n, value, (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x)
+
+
+@ti.func
+def body_surface(
+    by_value: ti.template(),
+    triangles: ti.template(),
+    triangle_body: ti.template(),
+    body_look: ti.template(),
+    body_color: ti.template(),
+    world: ti.template(),
+    normal: ti.template(),
+    screen: ti.template(),
+    value_of: ti.template(),
+    round_start: ti.template(),
+    round_end: ti.template(),
+    round_radius: ti.template(),
+    round_body: ti.template(),
+    round_ends: ti.template(),
+    values: ti.template(),
+    colormap: ti.template(),
+    view: ti.template(),
+    identity,
+    x,
+    y,
+):
+    """Point, normal, colour and look of what is drawn at (x, y)."""
+    p, n = vec3(0.0, 0.0, 0.0), vec3(0.0, 0.0, 0.0)
+    body, look, value = 0, 0, 0.0
+    if identity < ROUND_BIT:
+        body = triangle_body[identity - 1]
+        look = body_look[body]
+        q, m, v, turning = triangle_surface(
+            by_value, triangles, world, normal, screen, value_of, values, identity - 1, x, y
+        )
+        p, n, value = q, m, v
+        if look & OPEN != 0 and turning > 0.0:
+            n = -m
+    else:
+        i = identity - ROUND_BIT
+        body = round_body[i]
+        look = body_look[body]
+        q, m, along = round_surface(round_start, round_end, round_radius, view, i, x, y)
+        p, n = q, m
+        if ti.static(by_value):
+            value = values[round_ends[2 * i]] * (1.0 - along) + values[round_ends[2 * i + 1]] * along
+    albedo = at3(body_color, 3 * body)
+    if ti.static(by_value):
+        if look & SOLID == 0:
+            albedo = colormap_at(colormap, value)
+    return p, n, albedo, look
+
+
+@ti.func
+def body_light(has_solids: ti.template(), look, albedo, normal, to_eye, light, seen):
+    """Light that leaves a body, or a collider that moves, of whose key light the part `seen` arrives."""
+    color = vec3(0.0, 0.0, 0.0)
+    is_solid = False
+    if ti.static(has_solids):
+        is_solid = look & SOLID != 0
+        if is_solid:
+            ambient, key = solid(albedo, normal, -to_eye, light)
+            color = ambient + key * seen
+    if not is_solid:
+        color = jelly(albedo, normal, to_eye, light, seen, 1.0)
+    return color
+
+
+@ti.func
+def is_one_surface(
+    has_solids: ti.template(),
+    samples: ti.template(),
+    triangle_body: ti.template(),
+    body_look: ti.template(),
+    view: ti.template(),
+    y,
+    x,
+):
     """True where the four samples of a pixel lie on one smooth surface."""
     first = samples[y, x, 0]
     one = identity_of(first)
@@ -95,12 +195,17 @@ def is_one_surface(samples: ti.template(), triangle_body: ti.template(), view: t
                 same = False
             elif triangle_body[one - 1] != triangle_body[other - 1]:
                 same = False
+            elif ti.static(has_solids):
+                # Colliders have sharp edges.
+                if body_look[triangle_body[one - 1]] & SOLID != 0:
+                    same = False
     return same and (one == 0 or (near - far) * view[FOCAL] < STEEP * near)
 
 
 @ti.kernel
 def shade_tiles(
     by_value: ti.template(),
+    has_solids: ti.template(),
     tile_list: Ints,
     tiles: Ints2,
     light_tiles: Ints2,
@@ -117,12 +222,12 @@ def shade_tiles(
     table: Ints,
     triangles: Ints,
     triangle_body: Ints,
-    body_open: Ints,
+    body_look: Ints,
     body_color: Floats,
     world: Points,
     normal: Points,
     screen: Points,
-    particles: Ints,
+    value_of: Ints,
     round_start: Points,
     round_end: Points,
     round_radius: Floats,
@@ -140,45 +245,24 @@ def shade_tiles(
         for y in range(ty * TILE, ti.min((ty + 1) * TILE, samples.shape[0])):
             for x in range(tx * TILE, ti.min((tx + 1) * TILE, samples.shape[1])):
                 count = 4
-                if is_one_surface(samples, triangle_body, view, y, x):
+                if is_one_surface(has_solids, samples, triangle_body, body_look, view, y, x):
                     count = 1
                 total, color, before = vec3(0.0, 0.0, 0.0), vec3(0.0, 0.0, 0.0), -1
                 for s in range(count):
                     identity = identity_of(samples[y, x, s])
                     if identity != before:
                         before = identity
-                        p, n, albedo = eye, light, vec3(0.0, 0.0, 0.0)
+                        p, n, albedo, look = eye, light, vec3(0.0, 0.0, 0.0), 0
                         at, tilt, shaded = place[y, x], slope[y, x], key[y, x].x > 0.0
                         if identity != 0:
                             dx, dy = 0.0, 0.0
                             if count == 4:
                                 dx, dy = sample_offset(s)
-                            px, py = ti.cast(x, ti.f32) + 0.5 + dx, ti.cast(y, ti.f32) + 0.5 + dy
-                            body, value, is_open = 0, 0.0, False
-                            if identity < ROUND_BIT:
-                                t = identity - 1
-                                i, j, k = triangles[3 * t], triangles[3 * t + 1], triangles[3 * t + 2]
-                                w = corner_weights(screen[i], screen[j], screen[k], px, py)
-                                p = world[i] * w.x + world[j] * w.y + world[k] * w.z
-                                n = (normal[i] * w.x + normal[j] * w.y + normal[k] * w.z).normalized(1e-12)
-                                body = triangle_body[t]
-                                is_open = body_open[body] != 0
-                                if ti.static(by_value):
-                                    value = values[particles[i]] * w.x + values[particles[j]] * w.y
-                                    value += values[particles[k]] * w.z
-                            else:
-                                i = identity - ROUND_BIT
-                                p, n, along = round_surface(round_start, round_end, round_radius, view, i, px, py)
-                                body = round_body[i]
-                                if ti.static(by_value):
-                                    value = values[round_ends[2 * i]] * (1.0 - along)
-                                    value += values[round_ends[2 * i + 1]] * along
-                            if ti.static(by_value):
-                                albedo = colormap_at(colormap, value)
-                            else:
-                                albedo = at3(body_color, 3 * body)
-                            if is_open and n.dot(eye - p) < 0.0:
-                                n = -n
+                            p, n, albedo, look = body_surface(
+                                by_value, triangles, triangle_body, body_look, body_color, world, normal, screen,
+                                value_of, round_start, round_end, round_radius, round_body, round_ends, values,
+                                colormap, view, identity, ti.cast(x, ti.f32) + 0.5 + dx, ti.cast(y, ti.f32) + 0.5 + dy,
+                            )  # fmt: skip
                             facing = light_slope(view, n)
                             at = to_light(view, p + n * (1.0 / view[TEXELS]))
                             tilt, shaded = vec2(facing.x, facing.y), facing.z > SEEP_BELOW
@@ -188,7 +272,7 @@ def shade_tiles(
                         if identity == 0:
                             color = ambient[y, x] + key[y, x] * seen
                         else:
-                            color = jelly(albedo, n, (eye - p).normalized(), light, seen, 1.0)
+                            color = body_light(has_solids, look, albedo, n, (eye - p).normalized(), light, seen)
                     total += color
                 total *= 1.0 / ti.cast(count, ti.f32)
                 for channel in ti.static(range(3)):

@@ -40,11 +40,13 @@ class SoftwareRenderer:
             raise ValueError(f"color_max must be > 0, got {value}")
         self.color_max, self._legend = float(value), None
 
-    def draw(self, positions: Any, slot: int, values: Any = None) -> Picture:
+    def draw(self, positions: Any, slot: int, values: Any = None, time: float = 0.0, torn: Any = None) -> Picture:
         """Draw one frame, uint8 sRGB of shape (height, width, 3), top row first; the array is the caller's.
 
         `positions` is a Taichi vector field (slot_count, particle_count) [m], of which row `slot` is drawn; `values`
-        a Taichi scalar field (particle_count,) [m/s or 1], needed where colours show a quantity.
+        a Taichi scalar field (particle_count,) [m/s or 1], needed where colours show a quantity. Moving colliders are
+        drawn where they are at `time` [s]. `torn` is a Taichi i32 field (spring_count,), nonzero where a spring has
+        torn: what hangs on it is not drawn. None: nothing has torn.
         Raises ValueError where it is missing, RuntimeError after `close`.
         """
         if self._painter is None:
@@ -55,7 +57,7 @@ class SoftwareRenderer:
             if self.color_max is None:
                 self.set_color_max(max(float(np.max(values.to_numpy())), 1e-6))
         with compiling():
-            self._painter.paint(positions, slot, values, 1.0 / (self.color_max or 1.0))
+            self._painter.paint(positions, slot, values, 1.0 / (self.color_max or 1.0), time, torn)
         picture: Picture = self._painter.picture.copy()
         if self._title is not None and self._colormap is not None and self.color_max is not None:
             if self._legend is None:

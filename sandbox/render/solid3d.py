@@ -1,5 +1,6 @@
 """Draws three-dimensional scenes: owns the buffers, and runs the passes of a frame in their order."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,12 +11,15 @@ from sandbox.render import colliders, palette, raster, shade, statics, tiles, ve
 from sandbox.render.arrays import upload, vectors, zeros
 from sandbox.render.camera import frame_3d
 from sandbox.render.light import SHADOW_SIZE, key_light
+from sandbox.render.posing import PosedSolids
 from sandbox.render.shadow import TABLE
-from sandbox.render.topology import build_surface
+from sandbox.render.solids import Solid, build_solid
+from sandbox.render.tearing import Tearing
+from sandbox.render.topology import build_surface, value_particles
 from sandbox.render.types import vec2, vec3, vec4
-from sandbox.render.view import BLOCK, LIGHT_TILE, TILE, view_constants
+from sandbox.render.view import BLOCK, LIGHT_TILE, OPEN, SOLID, TILE, view_constants
 from sandbox.scene.appearance import Appearance
-from sandbox.scene.model import Camera
+from sandbox.scene.model import Camera, Collider, MeshCollider
 
 
 class SolidPainter:
@@ -25,43 +29,88 @@ class SolidPainter:
         self, appearance: Appearance, camera: Camera, size: tuple[int, int], colormap: NDArray[np.float64] | None
     ) -> None:
         """`colormap` is sRGB in [0, 1], shape (count, 3), or None where colours are the bodies' own."""
+        built = [(collider, build_solid(collider, appearance.bounds)) for collider in appearance.colliders]
+        solids = [(collider, solid) for collider, solid in built if solid is not None]
         self.camera = frame_3d(camera, appearance.bounds, size)
-        self.light = key_light(self.camera, appearance.bounds, appearance.colliders)
+        self.light = key_light(self.camera, appearance.bounds, [s.extent() for _, s in solids if s.is_casting])
         self.picture = np.zeros((size[1], size[0], 3), dtype=np.uint8)
         self._by_value = colormap is not None
         self._view = upload(view_constants(self.camera, self.light), ti.f32)
         self._disk = upload(TABLE, ti.f32)
         self._table = upload(palette.encode_table(), ti.i32)
         self._colormap = upload(palette.to_linear(np.zeros((2, 3)) if colormap is None else colormap), ti.f32)
-        self._body_color = upload(palette.to_linear(appearance.body_colors), ti.f32)
-        self._body_open = upload(appearance.body_two_sided, ti.i32)
+        self._moving = PosedSolids([solid for _, solid in solids if solid.motion is not None])
+        self._create_bodies(appearance)
         self._create_surface(appearance)
         self._create_rounds(appearance)
+        self._create_tearing(appearance)
         self._create_buffers(size)
-        self._paint_statics(appearance)
+        still = [(collider, solid) for collider, solid in solids if solid.motion is None]
+        self._paint_statics(
+            [collider for collider in appearance.colliders if not collider.motion],
+            [solid for collider, solid in still if isinstance(collider, MeshCollider)],
+            appearance,
+        )
         self._values: Any = upload(np.zeros(1), ti.f32)
 
+    def _create_bodies(self, appearance: Appearance) -> None:
+        """Colours and looks of bodies, then of colliders that move."""
+        looks = np.where(appearance.body_two_sided, OPEN, 0)
+        if appearance.triangle_springs is not None:
+            # What tears shows its inside.
+            looks[appearance.triangle_body[np.any(appearance.triangle_springs >= 0, axis=1)]] = OPEN
+        colors = palette.to_linear(appearance.body_colors)
+        self._body_color = upload(np.concatenate([colors, self._moving.tints]), ti.f32)
+        self._body_look = upload(np.concatenate([looks, np.full(len(self._moving), SOLID)]), ti.i32)
+
     def _create_surface(self, appearance: Appearance) -> None:
-        surface = build_surface(appearance.triangles)
-        vertex_count = len(surface.particles)
-        self._has_triangles = len(surface.triangles) > 0
-        self._particles = upload(surface.particles, ti.i32)
+        """Triangles of bodies, then of colliders that move."""
+        surface, moving = build_surface(appearance.triangles), self._moving
+        self._vertex_count = len(surface.points)
+        corners = self._vertex_count + np.arange(moving.corner_count, dtype=np.int32)
+        owners = len(appearance.body_colors) + moving.triangle_owner
+        self._triangle_count = len(surface.triangles) + len(owners)
+        self._points = upload(surface.points, ti.i32)
         self._ring_start = upload(surface.ring_start, ti.i32)
         self._ring = upload(surface.ring, ti.i32)
-        self._triangles = upload(surface.triangles, ti.i32)
-        self._triangle_body = upload(appearance.triangle_body, ti.i32)
-        self._world, self._normal = vectors(vertex_count), vectors(vertex_count)
-        self._screen, self._texel = vectors(vertex_count), vectors(vertex_count)
+        self._ring_triangle = upload(surface.ring_triangle, ti.i32)
+        self._triangles = upload(np.concatenate([surface.triangles, corners.reshape(-1, 3)]), ti.i32)
+        self._triangle_body = upload(np.concatenate([appearance.triangle_body, owners]), ti.i32)
+        # Colliders show no values: any particle will do.
+        self._value_of = upload(
+            np.concatenate([value_particles(surface.points, appearance), np.zeros_like(corners)]), ti.i32
+        )
+        self._vertices = [vectors(self._vertex_count + len(corners)) for _ in range(4)]
+        self._has_carried = bool(np.any(surface.points >= appearance.particle_count))
+        self._carried = vectors(len(appearance.carried_nodes) if self._has_carried else 1)
+        if self._has_carried:
+            self._carried_nodes = upload(appearance.carried_nodes, ti.i32)
+            self._carried_weights = upload(appearance.carried_weights, ti.f32)
 
     def _create_rounds(self, appearance: Appearance) -> None:
-        """Capsules, then spheres as capsules whose ends are one particle."""
+        """Capsules, then spheres as capsules whose ends are one particle, then rods of colliders that move."""
+        moving = self._moving
         spheres = np.repeat(np.reshape(appearance.spheres, (-1, 1)), 2, axis=1)
         ends = np.concatenate([np.reshape(appearance.capsules, (-1, 2)), spheres])
-        self._has_rounds = len(ends) > 0
-        self._round_ends = upload(ends, ti.i32)
-        self._round_radius = upload(np.concatenate([appearance.capsule_radius, appearance.sphere_radius]), ti.f32)
-        self._round_body = upload(np.concatenate([appearance.capsule_body, appearance.sphere_body]), ti.i32)
-        self._round_start, self._round_end = vectors(len(ends)), vectors(len(ends))
+        radii = [appearance.capsule_radius, appearance.sphere_radius, moving.rod_radius]
+        bodies = [appearance.capsule_body, appearance.sphere_body, len(appearance.body_colors) + moving.rod_owner]
+        self._body_round_count = len(ends)
+        self._round_count = len(ends) + moving.rod_count
+        self._placed_ends = upload(ends, ti.i32)
+        self._round_ends = upload(np.concatenate([ends, np.zeros((moving.rod_count, 2))]), ti.i32)
+        self._round_radius = upload(np.concatenate(radii), ti.f32)
+        self._round_body = upload(np.concatenate(bodies), ti.i32)
+        self._rounds = [vectors(self._round_count) for _ in range(2)]
+
+    def _create_tearing(self, appearance: Appearance) -> None:
+        self._tearing = Tearing(
+            [
+                (appearance.triangle_springs, len(appearance.triangles)),
+                (None, len(self._moving.triangle_owner)),
+                (appearance.capsule_spring, len(appearance.capsules)),
+                (None, len(appearance.spheres) + self._moving.rod_count),
+            ]
+        )
 
     def _create_buffers(self, size: tuple[int, int]) -> None:
         width, height = size
@@ -78,29 +127,50 @@ class SolidPainter:
         self._shadow_block, self._still_block = (zeros(ti.i32, blocks, blocks) for _ in range(2))
         self._light_tiles = zeros(ti.i32, light_tiles, light_tiles)
 
-    def _paint_statics(self, appearance: Appearance) -> None:
+    def _paint_statics(self, still: Sequence[Collider], meshes: Sequence[Solid], appearance: Appearance) -> None:
         """Cast what does not move once, and ask for the whole picture to be painted in the first frame."""
-        rows = colliders.collider_rows(appearance.colliders, appearance.bounds)
-        is_casting = bool(np.any(rows[:, colliders.KIND] >= colliders.SPHERE))
+        cast = [collider for collider in still if not isinstance(collider, MeshCollider)]
+        rows = colliders.collider_rows(cast, appearance.bounds)
         collider_rows = upload(rows if len(rows) else colliders.nothing(), ti.f32)
-        if is_casting:
+        mesh = PosedSolids(meshes)
+        mesh_vertices = [vectors(mesh.corner_count) for _ in range(4)]
+        if len(mesh):
+            self._enter_meshes(mesh, mesh_vertices)
+        if len(mesh) or np.any(rows[:, colliders.KIND] >= colliders.SPHERE):
             statics.cast_static_shadow(collider_rows, self._view, self._still_map, self._still_block, self._light_tiles)
             self._shadow_map.copy_from(self._still_map)
             self._shadow_block.copy_from(self._still_block)
         statics.cast_static_picture(
-            collider_rows, self._view, float(SHADOW_SIZE), self._samples, self._depths,
+            len(mesh) > 0, collider_rows, mesh_vertices[2], mesh_vertices[1], upload(mesh.triangle_owner, ti.i32),
+            upload(mesh.tints, ti.f32), self._view, float(SHADOW_SIZE), self._samples, self._depths,
             self._ambient, self._key, self._place, self._slope, self._tile_reach,
         )  # fmt: skip
+        self._tiles.fill(0)
         self._tiles_before.fill(1)
 
-    def paint(self, positions: Any, slot: int, values: Any, value_scale: float) -> None:
-        """Bring the picture up to date with row `slot` of `positions`; values times `value_scale` give colours."""
+    def _enter_meshes(self, mesh: PosedSolids, mesh_vertices: Sequence[Any]) -> None:
+        """Find out where meshes that do not move are in front, and what they shade."""
+        mesh.place(0.0, self._view, mesh_vertices, 0, (vectors(1), vectors(1)), 0)
+        self._samples.fill(0)
+        raster.draw_triangles(
+            False, self._tearing.hidden, upload(np.arange(mesh.corner_count), ti.i32),
+            upload(mesh.triangle_owner, ti.i32), upload(np.full(len(mesh), SOLID), ti.i32), mesh_vertices[2],
+            mesh_vertices[3], self._samples, self._tiles, self._still_map, self._still_block, self._light_tiles,
+        )  # fmt: skip
+        statics.settle_shadow(self._light_tiles)
+
+    def paint(
+        self, positions: Any, slot: int, values: Any, value_scale: float, time: float = 0.0, torn: Any = None
+    ) -> None:
+        """Bring the picture up to date with row `slot` of `positions`, and colliders at `time` [s].
+
+        `values` times `value_scale` give colours; what hangs on springs that are nonzero in `torn` is left out.
+        """
         if self._by_value:
             self._copy_values(values, value_scale)
-        if self._has_triangles:
-            self._paint_triangles(positions, slot)
-        if self._has_rounds:
-            self._paint_rounds(positions, slot)
+        self._tearing.update(torn)
+        self._place_all(positions, slot, time)
+        self._enter_all()
         tiles.choose_tiles(self._tiles, self._tiles_before, self._tile_list, self._tile_reach, self._light_tiles)
         self._shade()
         tiles.restore_shadow_map(
@@ -112,29 +182,41 @@ class SolidPainter:
             self._values = ti.ndarray(ti.f32, values.shape)
         vertices.copy_values(values, scale, self._values)
 
-    def _paint_triangles(self, positions: Any, slot: int) -> None:
-        vertices.place_vertices(
-            positions, slot, self._particles, self._ring_start, self._ring, self._view,
-            self._world, self._normal, self._screen, self._texel,
-        )  # fmt: skip
-        raster.draw_triangles(
-            self._triangles, self._triangle_body, self._body_open, self._screen, self._texel,
-            self._samples, self._tiles, self._shadow_map, self._shadow_block, self._light_tiles,
-        )  # fmt: skip
+    def _place_all(self, positions: Any, slot: int, time: float) -> None:
+        """Where all vertices and rods are."""
+        if self._has_carried:
+            vertices.carry_points(positions, slot, self._carried_nodes, self._carried_weights, self._carried)
+        if self._vertex_count:
+            vertices.place_vertices(
+                self._has_carried, self._tearing.is_possible, positions, slot, self._carried, self._points,
+                self._ring_start, self._ring, self._ring_triangle, self._tearing.hidden, self._view, *self._vertices,
+            )  # fmt: skip
+        if self._body_round_count:
+            vertices.place_rounds(positions, slot, self._placed_ends, *self._rounds)
+        if len(self._moving):
+            self._moving.place(
+                time, self._view, self._vertices, self._vertex_count, self._rounds, self._body_round_count
+            )
 
-    def _paint_rounds(self, positions: Any, slot: int) -> None:
-        vertices.place_rounds(positions, slot, self._round_ends, self._round_start, self._round_end)
-        raster.draw_rounds(
-            self._round_start, self._round_end, self._round_radius, self._view,
-            self._samples, self._tiles, self._shadow_map, self._shadow_block, self._light_tiles,
-        )  # fmt: skip
+    def _enter_all(self) -> None:
+        """Which triangles and rods are in front, for the camera and for the light."""
+        targets = (self._samples, self._tiles, self._shadow_map, self._shadow_block, self._light_tiles)
+        can_tear, hidden = self._tearing.is_possible, self._tearing.hidden
+        if self._triangle_count:
+            raster.draw_triangles(
+                can_tear, hidden, self._triangles, self._triangle_body, self._body_look, *self._vertices[2:], *targets
+            )
+        if self._round_count:
+            raster.draw_rounds(
+                can_tear, hidden, self._triangle_count, *self._rounds, self._round_radius, self._view, *targets
+            )
 
     def _shade(self) -> None:
+        world, normal, screen, _ = self._vertices
         shade.shade_tiles(
-            self._by_value, self._tile_list, self._tiles, self._light_tiles, self._samples, self._depths,
-            self._shadow_map, self._shadow_block, self._ambient, self._key, self._place, self._slope,
-            self._view, self._disk, self._table, self._triangles, self._triangle_body, self._body_open,
-            self._body_color, self._world, self._normal, self._screen, self._particles, self._round_start,
-            self._round_end, self._round_radius, self._round_body, self._round_ends, self._values, self._colormap,
-            self.picture,
+            self._by_value, len(self._moving) > 0, self._tile_list, self._tiles, self._light_tiles, self._samples,
+            self._depths, self._shadow_map, self._shadow_block, self._ambient, self._key, self._place, self._slope,
+            self._view, self._disk, self._table, self._triangles, self._triangle_body, self._body_look,
+            self._body_color, world, normal, screen, self._value_of, *self._rounds, self._round_radius,
+            self._round_body, self._round_ends, self._values, self._colormap, self.picture,
         )  # fmt: skip

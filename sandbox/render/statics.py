@@ -2,11 +2,39 @@
 
 import taichi as ti
 
-from sandbox.render.colliders import AXES, BOX, FADE, KIND, MISS, POINT, ROW, SHAPE, SPACING, SPHERE, TINT, WALL
-from sandbox.render.raster import sample_key, sample_offset
+from sandbox.render.colliders import (
+    AXES,
+    BOX,
+    CAPSULE,
+    FADE,
+    KIND,
+    MISS,
+    POINT,
+    ROW,
+    SHAPE,
+    SPACING,
+    SPHERE,
+    TINT,
+    WALL,
+)
+from sandbox.render.raster import hit_capsule, identity_of, nearness_of, sample_key, sample_offset
+from sandbox.render.shade import corner_weights
 from sandbox.render.shadow import WIDEST
-from sandbox.render.surface import KEY, ambient_light, background, constant3, smoothstep
-from sandbox.render.types import Floats, Image2, Image3, Image4, Ints2, SampleDepths, Samples, vec2, vec3, vec4
+from sandbox.render.surface import KEY, ambient_light, background, constant3, smoothstep, solid
+from sandbox.render.types import (
+    Floats,
+    Image2,
+    Image3,
+    Image4,
+    Ints,
+    Ints2,
+    Points,
+    SampleDepths,
+    Samples,
+    vec2,
+    vec3,
+    vec4,
+)
 from sandbox.render.view import (
     BLOCK,
     EYE,
@@ -15,6 +43,7 @@ from sandbox.render.view import (
     LIGHT_TILE,
     LIGHT_U,
     LIGHT_V,
+    MOVING,
     STILL,
     TEXELS,
     TILE,
@@ -56,6 +85,13 @@ def hit_collider(rows: ti.template(), i, origin, direction):
         h = rows[i * ROW + SHAPE] * ti.abs(rows[i * ROW + SHAPE]) - nearest.dot(nearest)
         if h >= 0.0:
             t = -b / a - ti.sqrt(h / a)
+    elif kind == CAPSULE:
+        end = row3(rows, i, AXES)
+        # Starting near the capsule keeps f32 exact enough for thin ones.
+        skipped = (0.5 * (point + end) - origin).dot(direction) / direction.dot(direction)
+        found, ahead = hit_capsule(origin + direction * skipped, direction, point, end, rows[i * ROW + SHAPE])
+        if found == 1:
+            t = skipped + ahead
     else:
         half = row3(rows, i, SHAPE)
         o, d = to_local(rows, i, origin - point), to_local(rows, i, direction)
@@ -80,6 +116,10 @@ def collider_normal(rows: ti.template(), i, p):
     normal = row3(rows, i, SHAPE)
     if kind == SPHERE:
         normal = (p - row3(rows, i, POINT)).normalized()
+    elif kind == CAPSULE:
+        from_start, axis = p - row3(rows, i, POINT), row3(rows, i, AXES) - row3(rows, i, POINT)
+        along = ti.min(ti.max(from_start.dot(axis) / ti.max(axis.dot(axis), 1e-20), 0.0), 1.0)
+        normal = (from_start - axis * along).normalized()
     elif kind == BOX:
         half = row3(rows, i, SHAPE)
         local = to_local(rows, i, p - row3(rows, i, POINT))
@@ -150,6 +190,7 @@ def look(rows: ti.template(), view: ti.template(), direction, beside, below, whi
     kind = ti.cast(rows[which * ROW + KIND], ti.i32)
     normal = collider_normal(rows, which, p)
     tint, opacity = row3(rows, which, TINT), 1.0
+    ambient, key = solid(tint, normal, unit, at3(view, LIGHT))
     if kind <= WALL:
         tint = plane_tint(rows, which, p, beside, below, eye)
         extent = rows[which * ROW + FADE]
@@ -157,12 +198,8 @@ def look(rows: ti.template(), view: ti.template(), direction, beside, below, whi
         opacity = 1.0 - smoothstep(2.0, 14.0, (p - eye).norm() / extent)
         if kind == WALL:
             opacity = 0.35 * (1.0 - smoothstep(0.8, 2.5, (p - row3(rows, which, POINT)).norm() / extent))
-    ambient = tint * ambient_light(normal)
-    key = tint * constant3(KEY) * ti.max(normal.dot(at3(view, LIGHT)), 0.0)
-    if kind > WALL:
-        cosine = ti.max(-normal.dot(unit), 0.0)
-        grazing = (1.0 - cosine) * (1.0 - cosine)
-        ambient += background(unit + normal * (2.0 * cosine)) * (0.03 + 0.25 * grazing * grazing)
+        ambient = tint * ambient_light(normal)
+        key = tint * constant3(KEY) * ti.max(normal.dot(at3(view, LIGHT)), 0.0)
     return ambient, key, opacity, normal
 
 
@@ -176,7 +213,8 @@ def cast_static_shadow(rows: Floats, view: Floats, still_map: Ints2, still_block
         across = at3(view, LIGHT_U) * ((ti.cast(u, ti.f32) + 0.5) * scale)
         along = at3(view, LIGHT_V) * ((ti.cast(v, ti.f32) + 0.5) * scale)
         origin = at3(view, LIGHT_ORIGIN) + across + along + at3(view, LIGHT) * top
-        height = 0.0
+        # Meshes may be there already.
+        height = ti.bit_cast(still_map[v, u], ti.f32)
         for i in range(rows.shape[0] // ROW):
             if ti.cast(rows[i * ROW + KIND], ti.i32) >= SPHERE:
                 height = ti.max(height, top - ti.min(hit_collider(rows, i, origin, -at3(view, LIGHT)), top))
@@ -192,8 +230,77 @@ def cast_static_shadow(rows: Floats, view: Floats, still_map: Ints2, still_block
 
 
 @ti.kernel
+def settle_shadow(light_tiles: Ints2):
+    """Take what was entered into the shadow map so far for what does not move."""
+    for v, u in ti.ndrange(light_tiles.shape[0], light_tiles.shape[1]):
+        if light_tiles[v, u] & MOVING != 0:
+            light_tiles[v, u] = STILL
+
+
+@ti.func
+def mesh_look(
+    view: ti.template(), corners: ti.template(), normals: ti.template(), owner: ti.template(), tints: ti.template(),
+    direction, t, x, y,
+):  # fmt: skip
+    """Ambient and key part (unshadowed) of the light from triangle t of a mesh at rest, and its normal."""
+    w = corner_weights(corners[3 * t], corners[3 * t + 1], corners[3 * t + 2], x, y)
+    normal = (normals[3 * t] * w.x + normals[3 * t + 1] * w.y + normals[3 * t + 2] * w.z).normalized(1e-12)
+    ambient, key = solid(at3(tints, 3 * owner[t]), normal, direction.normalized(), at3(view, LIGHT))
+    return ambient, key, normal
+
+
+@ti.func
+def first_seen(has_meshes: ti.template(), rows: ti.template(), eye, direction, entered):
+    """As `first_hits`, but a mesh's triangle, counted after the colliders, where it was entered before them."""
+    which, depth, wall, veiled = first_hits(rows, eye, direction)
+    if ti.static(has_meshes):
+        if identity_of(entered) > 0 and nearness_of(entered) * depth > 1.0:
+            which, depth = rows.shape[0] // ROW + identity_of(entered) - 1, 1.0 / nearness_of(entered)
+            if veiled >= depth:
+                wall = -1
+    return which, depth, wall, veiled
+
+
+@ti.func
+def seen_light(
+    has_meshes: ti.template(), rows: ti.template(), mesh_corners: ti.template(), mesh_normals: ti.template(),
+    mesh_owner: ti.template(), mesh_tints: ti.template(), view: ti.template(), direction, which, depth, wall, veiled,
+    x, y,
+):  # fmt: skip
+    """Ambient and key part (unshadowed) of what `first_seen` found along the ray through (x, y), and its normal."""
+    row_count = ti.cast(rows.shape[0] // ROW, ti.i32)
+    one, two, normal = background(direction.normalized()), vec3(0.0, 0.0, 0.0), vec3(0.0, 0.0, 0.0)
+    if ti.static(has_meshes):
+        if which >= row_count:
+            ma, mk, mn = mesh_look(
+                view, mesh_corners, mesh_normals, mesh_owner, mesh_tints, direction, which - row_count, x, y
+            )
+            one, two, normal = ma, mk, mn
+    beside, below = ray(view, x + 1.0, y), ray(view, x, y + 1.0)
+    for layer in range(2):
+        seen, t = which, depth
+        if layer == 1:
+            seen, t = wall, veiled
+        if seen >= 0 and seen < row_count:
+            a, k, opacity, n = look(rows, view, direction, beside, below, seen, t)
+            one = one * (1.0 - opacity) + a * opacity
+            two = two * (1.0 - opacity) + k * opacity
+            if layer == 1:
+                # The light on a wall is not shadowed: what casts onto it lies behind its veil.
+                one, two = one + k * opacity, two - k * opacity
+            else:
+                normal = n
+    return one, two, normal
+
+
+@ti.kernel
 def cast_static_picture(
+    has_meshes: ti.template(),
     rows: Floats,
+    mesh_corners: Points,
+    mesh_normals: Points,
+    mesh_owner: Ints,
+    mesh_tints: Floats,
     view: Floats,
     shadow_size: ti.f32,
     samples: Samples,
@@ -204,7 +311,10 @@ def cast_static_picture(
     slope: Image2,
     tile_reach: Image4,
 ):
-    """Everything about the still picture, a pixel at a time: shaded once where its samples agree."""
+    """The picture without bodies, a pixel at a time: shaded once where its samples agree.
+
+    Meshes have been entered into `samples` before, which then hold only depths.
+    """
     for ty, tx in ti.ndrange(tile_reach.shape[0], tile_reach.shape[1]):
         eye = at3(view, EYE)
         reach = vec4(1e9, 1e9, -1e9, -1e9)
@@ -217,26 +327,20 @@ def cast_static_picture(
                     dx, dy = sample_offset(s)
                     px, py = ti.cast(x, ti.f32) + 0.5 + dx, ti.cast(y, ti.f32) + 0.5 + dy
                     direction = ray(view, px, py)
-                    which, depth, wall, veiled = first_hits(rows, eye, direction)
+                    which, depth, wall, veiled = first_seen(has_meshes, rows, eye, direction, samples[y, x, s])
                     depths[y, x, s] = 1.0 / depth
                     samples[y, x, s] = sample_key(1.0 / depth, 0)
                     if which != before or wall != wall_before:
                         before, wall_before = which, wall
-                        one, two = background(direction.normalized()), vec3(0.0, 0.0, 0.0)
-                        beside, below = ray(view, px + 1.0, py), ray(view, px, py + 1.0)
-                        for layer in range(2):
-                            seen, t = which, depth
-                            if layer == 1:
-                                seen, t = wall, veiled
-                            if seen >= 0:
-                                a, k, opacity, n = look(rows, view, direction, beside, below, seen, t)
-                                one = one * (1.0 - opacity) + a * opacity
-                                two = two * (1.0 - opacity) + k * opacity
-                                if layer == 1:
-                                    # The light on a wall is not shadowed: what casts onto it lies behind its veil.
-                                    one, two = one + k * opacity, two - k * opacity
-                                else:
-                                    p, normal = eye + direction * t, n
+                        one, two, n = seen_light(
+                            has_meshes, rows, mesh_corners, mesh_normals, mesh_owner, mesh_tints, view, direction,
+                            which, depth, wall, veiled, px, py,
+                        )  # fmt: skip
+                        if which >= 0:
+                            p, normal = eye + direction * depth, n
+                        if which >= rows.shape[0] // ROW:
+                            # Shadow maps are coarse: from a texel above, a curved surface does not shade itself.
+                            p += n * (1.0 / view[TEXELS])
                     color += one
                     light += two
                 at, tilt = to_light(view, p), light_slope(view, normal)

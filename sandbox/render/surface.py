@@ -72,3 +72,14 @@ def jelly(albedo, normal, to_eye, light, lit, occlusion):
     # What lies below mirrors darker: the body's own shade, mostly.
     reflected = background(mirror) * (0.2 + 0.55 * smoothstep(-0.3, 0.3, mirror.y)) + vec3(0.9, 0.9, 0.9) * sheen
     return diffuse + key * (0.45 * sharp * lit) + reflected * (fresnel * occlusion)
+
+
+@ti.func
+def solid(albedo, normal, along, light):
+    """Ambient light and unshadowed key light that a collider sends back along a unit direction from the eye."""
+    ambient = albedo * ambient_light(normal)
+    key = albedo * constant3(KEY) * ti.max(normal.dot(light), 0.0)
+    cosine = ti.max(-normal.dot(along), 0.0)
+    grazing = (1.0 - cosine) * (1.0 - cosine)
+    ambient += background(along + normal * (2.0 * cosine)) * (0.03 + 0.25 * grazing * grazing)
+    return ambient, key

@@ -12,25 +12,62 @@ def position3(positions: ti.template(), slot, i):
     return ti.cast(positions[slot, i], ti.f32)
 
 
+@ti.func
+def point3(has_carried: ti.template(), positions: ti.template(), slot, carried: ti.template(), i):
+    """Position of a particle, or of a carried point past the particles [m]."""
+    p = vec3(0.0, 0.0, 0.0)
+    if ti.static(has_carried):
+        particle_count = ti.cast(positions.shape[1], ti.i32)
+        if i < particle_count:
+            p = position3(positions, slot, i)
+        else:
+            p = carried[i - particle_count]
+    else:
+        p = position3(positions, slot, i)
+    return p
+
+
+@ti.kernel
+def carry_points(positions: ti.template(), slot: ti.i32, nodes: Ints, weights: Floats, carried: Points):
+    """Positions of the points that particles carry [m]: weighted sums."""
+    width = nodes.shape[0] // carried.shape[0]
+    for i in carried:
+        p = vec3(0.0, 0.0, 0.0)
+        for k in range(i * width, (i + 1) * width):
+            p += position3(positions, slot, nodes[k]) * weights[k]
+        carried[i] = p
+
+
 @ti.kernel
 def place_vertices(
+    has_carried: ti.template(),
+    can_tear: ti.template(),
     positions: ti.template(),
     slot: ti.i32,
-    particles: Ints,
+    carried: Points,
+    points: Ints,
     ring_start: Ints,
     ring: Ints,
+    ring_triangle: Ints,
+    hidden: Ints,
     view: Floats,
     world: Points,
     normal: Points,
     screen: Points,
     light: Points,
 ):
-    """World, screen and light coordinates and the normal of every surface vertex."""
-    for i in range(particles.shape[0]):
-        p = position3(positions, slot, particles[i])
+    """World, screen and light coordinates of every surface vertex, and its normal from the triangles that are left."""
+    for i in range(points.shape[0]):
+        p = point3(has_carried, positions, slot, carried, points[i])
         n = vec3(0.0, 0.0, 0.0)
         for k in range(ring_start[i], ring_start[i + 1]):
-            n += (position3(positions, slot, ring[2 * k]) - p).cross(position3(positions, slot, ring[2 * k + 1]) - p)
+            one = point3(has_carried, positions, slot, carried, ring[2 * k])
+            two = point3(has_carried, positions, slot, carried, ring[2 * k + 1])
+            if ti.static(can_tear):
+                if hidden[ring_triangle[k]] == 0:
+                    n += (one - p).cross(two - p)
+            else:
+                n += (one - p).cross(two - p)
         world[i] = p
         normal[i] = n * (1.0 / ti.sqrt(ti.max(n.dot(n), 1e-30)))
         screen[i] = project(view, p)
@@ -40,7 +77,7 @@ def place_vertices(
 @ti.kernel
 def place_rounds(positions: ti.template(), slot: ti.i32, ends: Ints, start: Points, end: Points):
     """World coordinates of both ends of every capsule; a sphere has one particle at both."""
-    for i in range(start.shape[0]):
+    for i in range(ends.shape[0] // 2):
         start[i] = position3(positions, slot, ends[2 * i])
         end[i] = position3(positions, slot, ends[2 * i + 1])
 

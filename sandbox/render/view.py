@@ -20,6 +20,8 @@ SAMPLE_Y = (-0.375, -0.125, 0.125, 0.375)
 ROUND_BIT = 1 << 30
 """Set in the identity of a capsule or sphere; triangles count from 1, and 0 is what does not move."""
 
+OPEN, SOLID = 1, 2
+"""Bits of a body's look: a surface seen from both sides, and a collider that moves."""
 MOVING, STILL = 1, 2
 """Bits of a tile of the shadow map near which something casts that moves, or that does not."""
 

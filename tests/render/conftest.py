@@ -32,6 +32,9 @@ def make_appearance() -> Callable[..., Appearance]:
         def bodies(kind: str) -> np.ndarray:
             return np.asarray(parts.get(f"{kind}_body", np.zeros(len(parts.get(f"{kind}s", ())))), dtype=np.int32)
 
+        used = [
+            np.max(parts[name], initial=-1) for name in ("triangles", "outline", "capsules", "spheres") if name in parts
+        ]
         return Appearance(
             dimension=dimension,
             triangles=np.asarray(parts.get("triangles", ()), dtype=np.int32).reshape(-1, 3),
@@ -49,6 +52,13 @@ def make_appearance() -> Callable[..., Appearance]:
             colliders=tuple(parts.get("colliders", ())),
             bounds=np.asarray(parts.get("bounds", [[-1.0] * dimension, [1.0] * dimension]), dtype=float),
             element_size=0.1,
+            particle_count=parts.get("particle_count", int(max(used, default=-1)) + 1),
+            carried_nodes=np.asarray(parts.get("carried_nodes", np.zeros((0, 1))), dtype=np.int32),
+            carried_weights=np.asarray(parts.get("carried_weights", np.zeros((0, 1))), dtype=float),
+            **{
+                name: None if parts.get(name) is None else np.asarray(parts[name], dtype=np.int32)
+                for name in ("triangle_springs", "outline_spring", "capsule_spring")
+            },
         )
 
     return build

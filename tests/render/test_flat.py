@@ -5,7 +5,16 @@ import pytest
 import taichi as ti
 
 from sandbox.render.software import SoftwareRenderer
-from sandbox.scene.model import BoxCollider, Camera, HalfSpace, Render
+from sandbox.scene.model import (
+    BoxCollider,
+    Camera,
+    CapsuleCollider,
+    HalfSpace,
+    Keyframe,
+    PolygonCollider,
+    Render,
+    SphereCollider,
+)
 
 SIZE = (160, 90)
 # 10 pixels a metre, the origin in the middle.
@@ -103,3 +112,84 @@ def test_values_and_f64(make_appearance, make_field):
     assert left[2] > left[1] and right[1] > right[2]
     double = renderer.draw(make_field(points, precision=ti.f64), 0, values)
     assert np.mean(np.abs(picture.astype(int) - double) > 2) < 1e-3
+
+
+CONCAVE = ((-5.0, -3.0), (3.0, -3.0), (3.0, 3.0), (-5.0, 3.0), (-3.0, 0.0))
+HOLE = ((-1.5, -1.5), (-1.5, 1.5), (1.5, 1.5), (1.5, -1.5))
+
+
+def test_a_ring_lies_in_the_hole_of_a_concave_polygon(make_appearance, make_field, paper):
+    angles = np.linspace(0, 2 * np.pi, 25)[:-1]
+    ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    polygon = PolygonCollider(kind="polygon", points=CONCAVE, holes=(HOLE,), color="#445566")
+    appearance = make_appearance(
+        2, capsules=[(k, (k + 1) % 24) for k in range(24)], capsule_radius=np.full(24, 0.12), colliders=[polygon]
+    )
+    picture = draw(appearance, make_field(ring)).astype(int)
+    for inside in ([-4.0, 2.5], [2.5, 0.0], [-2.0, 0.0], [0.0, -2.2]):
+        x, y = int(80 + 10 * inside[0]), int(45 - 10 * inside[1])
+        assert np.abs(picture[y, x] - [0x44, 0x55, 0x66]).max() <= 1
+    for outside in ([-4.5, 0.0], [0.0, 0.5], [4.0, 0.0]):
+        x, y = int(80 + 10 * outside[0]), int(45 - 10 * outside[1])
+        assert np.array_equal(picture[y, x], paper[y, x].astype(int))
+    assert picture[45, 90, 0] - picture[45, 90, 2] > 60
+
+
+def test_colliders_cover_their_area(make_appearance, make_field, paper):
+    rod = CapsuleCollider(
+        kind="capsule", position=(1.0, 0.0), rotation=90.0, start=(0.0, -2.0), end=(0.0, 1.0), radius=0.8,
+        color="#000000",
+    )  # fmt: skip
+    polygon = PolygonCollider(kind="polygon", points=CONCAVE, holes=(HOLE,), rotation=30.0, color="#000000")
+    field = make_field([[0.0, 500.0]])
+    for collider, area in ((rod, 2 * 0.8 * 3 + np.pi * 0.64), (polygon, 48 - 6 - 9)):
+        coverage = covered(draw(make_appearance(2, colliders=[collider]), field), paper)
+        assert coverage.sum() == pytest.approx(100 * area, rel=0.01)
+    # Turned about its position: from (3, 0) to (0, 0).
+    assert covered(draw(make_appearance(2, colliders=[rod]), field), paper)[45, 108] > 0.99
+
+
+def test_moving_colliders_are_where_resting_ones_would_be(make_appearance, make_field, paper):
+    motion = (Keyframe(time=0.0), Keyframe(time=2.0, position=(2.0, 0.5), rotation=40.0))
+    kinds = (
+        (PolygonCollider, {"kind": "polygon", "points": CONCAVE, "holes": (HOLE,)}),
+        (BoxCollider, {"kind": "box", "size": (2.0, 1.0)}),
+        (CapsuleCollider, {"kind": "capsule", "start": (-1.0, 0.0), "end": (1.0, 0.5), "radius": 0.3}),
+        (SphereCollider, {"kind": "sphere", "radius": 0.7}),
+    )
+    field = make_field([[0.0, 500.0]])
+    for make, shape in kinds:
+        moving = make(position=(-3.0, -1.0), motion=motion, **shape)
+        renderer = SoftwareRenderer(make_appearance(2, colliders=[moving]), Render(size=SIZE, camera=CAMERA))
+        first = renderer.draw(field, 0)
+        turn = {} if make is SphereCollider else {"rotation": 40.0}
+        resting = draw(make_appearance(2, colliders=[make(position=(2.0, 0.5), **turn, **shape)]), field)
+        for time in (1.0, 2.0, 3.0):
+            moved = renderer.draw(field, 0, time=time)
+        assert np.array_equal(moved, resting)
+        assert np.array_equal(renderer.draw(field, 0, time=0.0), first) and not np.array_equal(first, moved)
+    # What the last of them left, the disc, is paper again.
+    assert np.array_equal(moved[55, 50], paper[55, 50].astype(np.uint8))
+
+
+def test_bodies_lie_on_moving_colliders(make_appearance, make_field):
+    motion = (Keyframe(time=0.0), Keyframe(time=1.0, position=(0.0, 2.0), rotation=-20.0))
+    lid = HalfSpace(kind="half_space", point=(0.0, -2.0), normal=(0.0, 1.0), color="#445566", motion=motion)
+    appearance = make_appearance(2, spheres=[0], sphere_radius=[1.0], body_colors=BLACK, colliders=[lid])
+    renderer = SoftwareRenderer(appearance, Render(size=SIZE, camera=CAMERA))
+    field = make_field([[0.0, 0.0]])
+    low, high = renderer.draw(field, 0).astype(int), renderer.draw(field, 0, time=1.0).astype(int)
+    assert low[45, 80].max() == high[45, 80].max() == 0
+    assert low[40, 40].min() > 200 and np.abs(high[40, 40] - [0x44, 0x55, 0x66]).max() <= 1
+    # Turned clockwise the plane falls to the right.
+    assert high[35, 150].min() > 200
+
+
+def test_many_edges_fall_back_to_all_of_them(make_appearance, make_field, paper):
+    # A comb so fine that a tile meets more edges than its list holds.
+    teeth = np.arange(160)
+    comb = [(-4.0 + 0.05 * k, 2.0 if k % 2 else 1.2) for k in teeth] + [(4.0, -1.0), (-4.0, -1.0)]
+    collider = PolygonCollider(kind="polygon", points=comb, color="#000000")
+    coverage = covered(draw(make_appearance(2, colliders=[collider]), make_field([[0.0, 500.0]])), paper)
+    assert coverage[40:50, 50:110].min() > 0.99
+    assert coverage[:22].max() < 0.01 and coverage[58:].max() < 0.01

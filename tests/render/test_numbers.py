@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sandbox.render import NullRenderer, Renderer, create_renderer, overlay, palette
-from sandbox.render.colliders import grid_spacing, rotation_matrix
+from sandbox.render.colliders import grid_spacing
 from sandbox.render.topology import build_surface
 from sandbox.scene.model import Render
 
@@ -31,12 +31,6 @@ def test_colormaps_run_between_their_ends():
         assert np.abs(np.diff(colors, axis=0)).max() < 0.05
 
 
-def test_rotation_is_about_x_then_y_then_z():
-    turned = rotation_matrix((90.0, 90.0, 0.0)) @ np.array([0.0, 1.0, 0.0])
-    # About x: y to z; then about y: z to x.
-    np.testing.assert_allclose(turned, [1.0, 0.0, 0.0], atol=1e-12)
-
-
 @pytest.mark.parametrize(("extent", "spacing"), [(1.0, 0.2), (2.1, 0.5), (8.0, 2.0), (0.041, 0.01)])
 def test_grid_spacing_is_round(extent, spacing):
     assert grid_spacing(extent) == pytest.approx(spacing)
@@ -50,7 +44,7 @@ def test_rings_give_the_same_normals_as_a_sum_over_triangles(cube):
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     for k in range(3):
         np.add.at(expected, triangles[:, k], normal)
-    for vertex, particle in enumerate(surface.particles):
+    for vertex, particle in enumerate(surface.points):
         ring = surface.ring[surface.ring_start[vertex] : surface.ring_start[vertex + 1]]
         gathered = np.cross(points[ring[:, 0]] - points[particle], points[ring[:, 1]] - points[particle]).sum(axis=0)
         np.testing.assert_allclose(gathered, expected[particle], atol=1e-12)
@@ -64,7 +58,7 @@ def test_ticks_are_round_and_end_below_the_top():
 def test_factory_and_null_renderer():
     renderer = create_renderer("none", None, Render(size=(32, 18)))
     assert isinstance(renderer, NullRenderer) and isinstance(renderer, Renderer)
-    assert renderer.draw(None, 0).shape == (18, 32, 3)
+    assert renderer.draw(None, 0, None, 1.0, None).shape == (18, 32, 3)
     with pytest.raises(ValueError):
         create_renderer("oil paint", None, Render())
 

@@ -25,8 +25,8 @@ def test_every_sample_sees_the_nearest_triangle():
     is_open = upload([1], ti.i32)
     with compiling():
         raster.draw_triangles(
-            upload(np.arange(3 * COUNT), ti.i32), upload(np.zeros(COUNT), ti.i32), is_open, vertices, light, samples,
-            zeros(ti.i32, 3, 4), zeros(ti.i32, 32, 32), zeros(ti.i32, 8, 8), zeros(ti.i32, 1, 1),
+            False, is_open, upload(np.arange(3 * COUNT), ti.i32), upload(np.zeros(COUNT), ti.i32), is_open, vertices,
+            light, samples, zeros(ti.i32, 3, 4), zeros(ti.i32, 32, 32), zeros(ti.i32, 8, 8), zeros(ti.i32, 1, 1),
         )  # fmt: skip
     keys = samples.to_numpy()
     expected, doubtful = brute_force(screen.astype(float).reshape(COUNT, 3, 3))

@@ -253,7 +253,7 @@ empty = np.zeros(0, dtype=np.int32)
 appearance = Appearance(3, empty.reshape(0, 3), empty, empty.reshape(0, 2), empty, np.array([[0, 1]]), np.array([0.3]),
     np.array([0]), np.array([2]), np.array([0.5]), np.array([0]), np.array([[1.0, 0.1, 0.1]]), np.array([False]),
     (HalfSpace(kind="half_space", point=(0.0, -1.0, 0.0), normal=(0.0, 1.0, 0.0)),), np.array([[-1.0] * 3, [1.0] * 3]),
-    0.1)
+    0.1, 3, np.zeros((0, 1), dtype=np.int32), np.zeros((0, 1)))
 renderer = SoftwareRenderer(appearance, Render(size=(160, 90)))
 field = ti.Vector.field(3, ti.f64, (1, 3))
 field.from_numpy(np.array([[[-0.5, 0.0, 0.0], [0.5, 0.25, 0.0], [0.0, 0.5, 0.75]]]))
