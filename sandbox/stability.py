@@ -1,14 +1,17 @@
-"""The stability limit of a spring network, known before the first step. NumPy only.
+"""The stability limit of springs and gas, known before the first step. NumPy only.
 
 An explicit splitting scheme is stable while h^2 K + w h C <= 4 M, where K is the stiffness matrix in
 the current shape, C the damping matrix, and w belongs to the scheme. The largest eigenvalue is found
-by Lanczos iteration with products over the springs; no matrix is built.
+by Lanczos iteration with products over springs and faces; no matrix is built.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from sandbox.scene.surfaces import GAS_CONSTANT, FaceSet, Gas
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
@@ -20,8 +23,41 @@ _MOST_UPDATES = 12
 
 
 @dataclass(frozen=True)
+class GasStiffness:
+    """What the gas of G closed bodies adds to the stiffness: the second derivative of its free energy.
+
+    With V(x) the volume of a body: n R T / V^2 (dV/dx)(dV/dx)^T - (p - p0) d2V/dx2.
+    """
+
+    faces: IntArray
+    """Particles of every edge (d = 2) or triangle (d = 3), counter-clockwise from outside, shape (F, d)."""
+    gas: IntArray
+    """Gas behind every face, shape (F,)."""
+    energies: FloatArray
+    """n R T [J], shape (G,)."""
+    ambient: FloatArray
+    """Pressure outside [Pa], shape (G,)."""
+
+    @classmethod
+    def of(cls, faces: FaceSet, gases: Sequence[Gas], amounts: FloatArray | None = None) -> "GasStiffness | None":
+        """Of the gases behind ``faces``, with amounts [mol], shape (G,); by default what they start with.
+
+        None where there is no gas.
+        """
+        if not gases:
+            return None
+        held = np.array([gas.amount for gas in gases]) if amounts is None else amounts
+        return cls(
+            faces=faces.faces,
+            gas=np.searchsorted([gas.body for gas in gases], faces.body).astype(np.int32),
+            energies=held * GAS_CONSTANT * np.array([gas.temperature for gas in gases]),
+            ambient=np.array([gas.ambient for gas in gases]),
+        )
+
+
+@dataclass(frozen=True)
 class SpringNetwork:
-    """What the limit depends on: S springs between N particles in d dimensions."""
+    """What the limit depends on: S springs between N particles in d dimensions, and gas inside."""
 
     inverse_masses: FloatArray
     """[1/kg], 0 where pinned, shape (N,)."""
@@ -33,6 +69,57 @@ class SpringNetwork:
     """[N/m], shape (S,)."""
     damping: FloatArray
     """[N s/m], shape (S,)."""
+    gas: GasStiffness | None = None
+    """Gas in closed bodies, if there is any."""
+
+
+class _GasOperator:
+    """Stiffness of gas at given positions, applied to vectors. A body that is inside out has none."""
+
+    def __init__(self, stiffness: GasStiffness, positions: FloatArray) -> None:
+        self.faces = stiffness.faces
+        self.count = len(positions)
+        groups = len(stiffness.energies)
+        self.gas = np.zeros(self.count, dtype=np.int64)
+        self.gas[self.faces] = stiffness.gas[:, None]
+        # Measured from the middle of all: far from the origin the parts would cancel almost wholly.
+        self.corners = positions[self.faces] - positions[self.faces].mean(axis=(0, 1))
+        parts = _volume_slopes(self.corners, self.corners)
+        self.slope = self._to_particles(parts)
+        dimension = positions.shape[1]
+        volumes = np.bincount(stiffness.gas, (parts * self.corners).sum(axis=(1, 2)), groups) / dimension
+        inverse = np.divide(1.0, volumes, out=np.zeros(groups), where=volumes > 0.0)
+        self.bulk = stiffness.energies * inverse**2
+        self.gauge = np.where(volumes > 0.0, stiffness.energies * inverse - stiffness.ambient, 0.0)
+        self.groups = groups
+
+    def product(self, u: FloatArray) -> FloatArray:
+        """Stiffness [N/m] times displacements [m] of shape (N, d)."""
+        change = np.bincount(self.gas, (self.slope * u).sum(axis=1), self.groups)
+        turned = self._to_particles(self._slope_change(u[self.faces]))
+        return np.asarray((self.bulk * change)[self.gas, None] * self.slope - self.gauge[self.gas, None] * turned)
+
+    def _slope_change(self, u: FloatArray) -> FloatArray:
+        """How dV/dx changes when corners move by u, face by face, shape (F, d, d)."""
+        if u.shape[1] == 2:
+            return _volume_slopes(u, u)
+        return _volume_slopes(u, self.corners) + _volume_slopes(self.corners, u)
+
+    def _to_particles(self, parts: FloatArray) -> FloatArray:
+        corner = self.faces.reshape(-1)
+        columns = [np.bincount(corner, parts[..., axis].reshape(-1), self.count) for axis in range(parts.shape[2])]
+        return np.stack(columns, axis=1)
+
+
+def _volume_slopes(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Slope of the volume between faces and the origin by each corner [m^(d-1)], shape (F, d, d).
+
+    Bilinear in the corners in 3D: ``first`` [m] are the corners that follow, ``second`` those after them.
+    """
+    if first.shape[1] == 2:
+        following = np.roll(first, -1, axis=1) * np.array([1.0, -1.0])[:, None]
+        return np.asarray(0.5 * np.stack([following[..., 1], -following[..., 0]], axis=2))
+    return np.asarray(np.cross(np.roll(first, -1, axis=1), np.roll(second, -2, axis=1)) / 6.0)
 
 
 class _Operator:
@@ -51,6 +138,7 @@ class _Operator:
         self.damping = network.damping
         self.scale = np.sqrt(network.inverse_masses)[:, None]
         self.shape = positions.shape
+        self.gas = None if network.gas is None else _GasOperator(network.gas, positions)
 
     def product(self, vector: FloatArray, stiffness_factor: float, damping_factor: float) -> FloatArray:
         """The operator times a vector of shape (N, d)."""
@@ -60,14 +148,17 @@ class _Operator:
         forces = ((relative * self.direction).sum(axis=1) * axial)[:, None] * self.direction
         if self.stretched:
             forces += (stiffness_factor * self.transverse)[:, None] * relative
-        return self._to_particles(forces)
+        result = self._to_particles(forces)
+        if self.gas is not None and stiffness_factor:
+            result += stiffness_factor * self.gas.product(u)
+        return self.scale * result
 
     def _to_particles(self, forces: FloatArray) -> FloatArray:
         result = np.empty(self.shape)
         for axis in range(self.shape[1]):
             result[:, axis] = np.bincount(self.b, forces[:, axis], self.shape[0])
             result[:, axis] -= np.bincount(self.a, forces[:, axis], self.shape[0])
-        return self.scale * result
+        return result
 
 
 def stable_step(network: SpringNetwork, positions: FloatArray, damping_weight: float) -> float:
@@ -76,11 +167,12 @@ def stable_step(network: SpringNetwork, positions: FloatArray, damping_weight: f
     ``damping_weight`` w is the scheme's, see :mod:`sandbox.integrators.schemes`. The answer errs on
     the short side by at most some 1e-4 of itself.
     """
-    if len(network.springs) == 0 or not network.inverse_masses[network.springs].any():
+    springs = bool(network.inverse_masses[network.springs].any())
+    if not springs and (network.gas is None or not network.inverse_masses[network.gas.faces].any()):
         return np.inf
     operator = _Operator(network, positions)
     damped = bool(network.damping.any())
-    step = row_sum_step(network, damping_weight)
+    step = row_sum_step(network, damping_weight) if springs else 1.0
     start = np.random.default_rng(0).standard_normal(operator.shape) * (operator.scale > 0.0)
     for _ in range(_MOST_UPDATES if damped else 1):
         stiffness_part, damping_part, residual, start = _largest(operator, step, damping_weight, start)
@@ -93,11 +185,12 @@ def stable_step(network: SpringNetwork, positions: FloatArray, damping_weight: f
         step = float(refined)
         if change <= _ACCURACY * step:
             break
-    return max(step, row_sum_step(network, damping_weight))
+    # Gas has no bound that holds in any shape.
+    return step if network.gas is not None else max(step, row_sum_step(network, damping_weight))
 
 
 def row_sum_step(network: SpringNetwork, damping_weight: float) -> float:
-    """A step that is stable in any shape [s]: by Gershgorin's rows of M^-1 K, w^2 <= 2 sum(k) / m."""
+    """A step that is stable for the springs in any shape [s], by Gershgorin's rows of M^-1 K: w^2 <= 2 sum(k) / m."""
 
     def largest(values: FloatArray) -> float:
         ends = network.springs.T.reshape(-1)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from sandbox import runtime
 from sandbox.forces.spring_rows import END, SpringRows, arrange
 from sandbox.scene.assemble import Assembly
+from sandbox.scene.spring_set import SpringSet
 from sandbox.state import SLICE, ParticleState, place
 
 # Smallest squared length [m^2] that is told from 0; its reciprocal square root is finite in f32.
@@ -31,12 +32,16 @@ class Springs:
     """
 
     term = "elastic"
+    dissipation_term = "damping"
+    tension_only = False
+    """True where springs pull and never push."""
 
-    def __init__(self, builder: ti.FieldsBuilder, assembly: Assembly, state: ParticleState, rows: SpringRows) -> None:
+    def __init__(self, builder: ti.FieldsBuilder, springs: SpringSet, state: ParticleState, rows: SpringRows) -> None:
         self.state = state
+        self.springs = springs
         self.rows = rows
         self.vector = runtime.vector(state.dimension)
-        self.damped = bool(assembly.spring_damping.any())
+        self.damped = bool(springs.damping.any())
         real = runtime.real()
         half_edges = len(rows.neighbour)
         self.row = place(builder, ti.field(ti.i32), state.count + 1)
@@ -48,13 +53,13 @@ class Springs:
 
     def load(self, assembly: Assembly) -> None:
         """Upload rows, neighbours and constants."""
-        rows = self.rows
+        rows, springs = self.rows, self.springs
         self._write(
             rows.row,
             rows.neighbour,
-            assembly.spring_rest_lengths[rows.spring],
-            assembly.spring_stiffness[rows.spring],
-            assembly.spring_damping[rows.spring],
+            springs.rest_lengths[rows.spring],
+            springs.stiffness[rows.spring],
+            springs.damping[rows.spring],
         )
 
     @ti.kernel
@@ -92,9 +97,13 @@ class Springs:
             d = self.state.x[slot, j] - x
             r2 = ti.max(d.dot(d), _TINY)
             inverse_r = ti.rsqrt(r2)
-            tension = self.stiffness[h] * (r2 * inverse_r - self.rest_length[h])
+            stretch = r2 * inverse_r - self.rest_length[h]
+            tension = self.stiffness[h] * stretch
             if ti.static(self.damped):
                 tension += self.damping[h] * ((self.state.force_velocity[slot, j] - v).dot(d) * inverse_r)
+            if ti.static(self.tension_only):
+                # A rope never pushes, not even by its damping.
+                tension = ti.select(stretch > 0.0, ti.max(tension, 0.0), 0.0)
             force += tension * inverse_r * d
         return force
 
@@ -105,19 +114,37 @@ class Springs:
         energy = 0.0
         for h in range(self.row[i], self.row[i + 1]):
             stretch = (self.state.x[slot, self.neighbour[h]] - x).norm() - self.rest_length[h]
+            if ti.static(self.tension_only):
+                stretch = ti.max(stretch, 0.0)
             energy += 0.25 * self.stiffness[h] * stretch * stretch
         return energy
 
     @ti.func
+    def dissipation_on(self, i, slot):
+        """The damping part of the force on particle i [N]."""
+        force = self.vector(0.0)
+        if ti.static(self.damped):
+            x = self.state.x[slot, i]
+            v = self.state.force_velocity[slot, i]
+            for h in range(self.row[i], self.row[i + 1]):
+                j = self.neighbour[h]
+                d = self.state.x[slot, j] - x
+                r2 = ti.max(d.dot(d), _TINY)
+                force += self.damping[h] * ((self.state.force_velocity[slot, j] - v).dot(d) / r2) * d
+        return force
+
+    @ti.func
     def strain_on(self, i, slot):
-        """Largest |r - L| / L of the springs at particle i [1]. Springs of rest length 0 have none."""
+        """Largest |r - L| / L of the springs at particle i [1]. Those of rest length 0, slack or torn have none."""
         x = self.state.x[slot, i]
         strain = 0.0
         for h in range(self.row[i], self.row[i + 1]):
             rest = self.rest_length[h]
-            stretch = ti.abs((self.state.x[slot, self.neighbour[h]] - x).norm() - rest)
-            if rest > 0.0:
-                strain = ti.max(strain, stretch / rest)
+            stretch = (self.state.x[slot, self.neighbour[h]] - x).norm() - rest
+            if ti.static(self.tension_only):
+                stretch = ti.max(stretch, 0.0)
+            if rest > 0.0 and self.stiffness[h] > 0.0:
+                strain = ti.max(strain, ti.abs(stretch) / rest)
         return strain
 
 
@@ -125,8 +152,8 @@ class Springs:
 class SlicedSprings(Springs):
     """The same springs, most of them gathered for a slice of consecutive particles at once."""
 
-    def __init__(self, builder: ti.FieldsBuilder, assembly: Assembly, state: ParticleState, rows: SpringRows) -> None:
-        super().__init__(builder, assembly, state, rows)
+    def __init__(self, builder: ti.FieldsBuilder, springs: SpringSet, state: ParticleState, rows: SpringRows) -> None:
+        super().__init__(builder, springs, state, rows)
         lanes = ti.types.vector(SLICE, runtime.real())
         self.lanes = ti.types.matrix(state.dimension, SLICE, runtime.real())
         entries = len(rows.offset)
@@ -147,9 +174,9 @@ class SlicedSprings(Springs):
             rows.sliced,
             rows.slice_row,
             rows.offset,
-            _by_lane(assembly.spring_rest_lengths, rows),
-            _by_lane(assembly.spring_stiffness, rows),
-            _by_lane(assembly.spring_damping, rows),
+            _by_lane(self.springs.rest_lengths, rows),
+            _by_lane(self.springs.stiffness, rows),
+            _by_lane(self.springs.damping, rows),
         )
 
     @ti.kernel
@@ -224,9 +251,8 @@ def _by_lane(values: NDArray[np.float64], rows: SpringRows) -> NDArray[np.float6
     return np.where(rows.slice_spring >= 0, values[rows.slice_spring], 0.0)
 
 
-def build_springs(builder: ti.FieldsBuilder, assembly: Assembly, state: ParticleState) -> Springs:
-    """The springs of a scene: in slices where most of them fit, which pays on a CPU alone."""
-    rows = arrange(assembly.springs, assembly.particle_count, SLICE)
-    large = assembly.spring_count >= _LEAST_SPRINGS
-    sliced = large and rows.has_slices and runtime.settings().arch == "cpu"
-    return (SlicedSprings if sliced else Springs)(builder, assembly, state, rows)
+def plain_springs(builder: ti.FieldsBuilder, springs: SpringSet, state: ParticleState) -> Springs:
+    """Springs that only pull and push: in slices where most of them fit, which pays on a CPU alone."""
+    rows = arrange(springs.ends, state.count, SLICE)
+    sliced = len(springs) >= _LEAST_SPRINGS and rows.has_slices and runtime.settings().arch == "cpu"
+    return (SlicedSprings if sliced else Springs)(builder, springs, state, rows)

@@ -1,0 +1,322 @@
+"""Gas pressure on closed bodies: (p - p0) times area on every face, in equal parts to its corners.
+
+Summed over a body that is exactly (p - p0) dV/dx, the gradient of the gas's energy. Before the forces,
+a pass over blocks of faces measures the volumes, in an order that does not depend on threads.
+"""
+
+import numpy as np
+import taichi as ti
+from numpy.typing import NDArray
+
+from sandbox import runtime
+from sandbox.forces.faces import divide, incident_faces
+from sandbox.forces.gas import GasAmounts
+from sandbox.forces.tears import Tears
+from sandbox.ledger import Ledger
+from sandbox.scene.assemble import Assembly
+from sandbox.state import ParticleState, place
+
+FloatArray = NDArray[np.float64]
+
+# Faces whose volumes are added up one after the other.
+_BLOCK = 64
+
+
+@ti.data_oriented
+class Pressure:
+    """The gas of all G bodies that have any, on F faces.
+
+    A face with a torn edge is a hole: it still closes the volume, but nothing presses on it, and gas
+    flows through. Without leaks, pumps, tears or a ledger, what belongs to them is not compiled.
+    """
+
+    term = "gas"
+    dissipation_term = "gas_flow"
+
+    def __init__(
+        self,
+        builder: ti.FieldsBuilder,
+        assembly: Assembly,
+        state: ParticleState,
+        tears: Tears | None,
+        ledger: Ledger | None,
+    ) -> None:
+        self.state = state
+        self.tears = tears
+        self.ledger = ledger
+        self.amounts_of = GasAmounts(builder, assembly.gases)
+        self.gases = self.amounts_of.gases
+        self.count = self.amounts_of.count
+        self.vector = runtime.vector(state.dimension)
+        self.real = runtime.real()
+        self.fine = self.amounts_of.fine
+        self.rows = incident_faces(assembly.gas_faces.faces, state.count)
+        bodies = [gas.body for gas in self.gases]
+        self.face_gas = np.searchsorted(bodies, assembly.gas_faces.body).astype(np.int32)
+        self.blocks = divide(self.face_gas, self.count, _BLOCK)
+        self.prepare_count = len(self.blocks.first) - 1
+        """Blocks of faces, each summed by one call of :meth:`prepare_at`."""
+        self.tearing = tears is not None
+        self.flows = self.amounts_of.leaks or self.amounts_of.pumped or self.tearing
+        self.booked = ledger is not None
+        self.flow_term = 0 if ledger is None else ledger.index("gas_flow")
+        self._place(builder, len(assembly.gas_faces.faces), assembly.gas_faces.springs.shape[1])
+
+    def _place(self, builder: ti.FieldsBuilder, face_count: int, edge_count: int) -> None:
+        entries = len(self.rows.face)
+        self.row = place(builder, ti.field(ti.i32), self.state.count + 1)
+        self.entry_face = place(builder, ti.field(ti.i32), entries)
+        self.gas = place(builder, ti.field(ti.i32), self.state.count)
+        """Gas that presses on a particle, -1 if none."""
+        self.face = place(builder, ti.Vector.field(self.state.dimension, ti.i32), face_count)
+        self.share = place(builder, self.vector.field(), face_count)
+        """Part of a face's outward area vector that each corner takes [m^2], shape (F,)."""
+        self.block_first = place(builder, ti.field(ti.i32), self.prepare_count + 1)
+        self.block_row = place(builder, ti.field(ti.i32), self.count + 1)
+        self.block_gas = place(builder, ti.field(ti.i32), self.prepare_count)
+        self.block_volume = place(builder, ti.field(self.fine), self.prepare_count)
+        self.reference = place(builder, ti.field(ti.i32), self.count)
+        """A particle of the body: volumes are measured from it, and energies booked on it."""
+        self.gauge = place(builder, ti.field(self.real), self.count)
+        """p - p0 that presses [Pa], shape (G,)."""
+        self.inverted = place(builder, ti.field(ti.i32), self.count)
+        """1 where a body was inside out since the last look."""
+        self.edge_count = edge_count
+        if self.tearing:
+            self.face_spring = place(builder, ti.Vector.field(edge_count, ti.i32), face_count)
+            self.hole = place(builder, ti.field(ti.i32), face_count)
+            """1 where a face has a torn edge."""
+            self.block_hole = place(builder, ti.field(self.fine), self.prepare_count)
+
+    def load(self, assembly: Assembly) -> None:
+        """Upload faces and constants, and the amounts that the scene starts with."""
+        faces, blocks = assembly.gas_faces, self.blocks
+        gas = np.full(self.state.count, -1, dtype=np.int32)
+        gas[faces.faces] = self.face_gas[:, None]
+        self._write_rows(self.rows.row, self.rows.face, gas)
+        block_gas = np.repeat(np.arange(self.count, dtype=np.int32), np.diff(blocks.row))
+        self._write_faces(np.ascontiguousarray(faces.faces), np.ascontiguousarray(faces.springs))
+        reference = faces.faces[blocks.first[blocks.row[:-1]], 0]
+        self._write_blocks(blocks.first, blocks.row, block_gas, np.ascontiguousarray(reference))
+        self.amounts_of.load()
+
+    # -- the pass before the forces -----------------------------------------------------------------
+
+    @ti.func
+    def prepare_at(self, k, slot, time, dt):
+        """Area vectors, volume, and area of holes, of block k of faces."""
+        origin = self._origin_of(self.block_gas[k], slot)
+        volume, open_area = ti.cast(0.0, self.fine), ti.cast(0.0, self.fine)
+        for f in range(self.block_first[k], self.block_first[k + 1]):
+            start, area = self._face_at(f, slot)
+            self.share[f] = ti.cast(area / self.state.dimension, self.real)
+            volume += (start - origin).dot(area)
+            if ti.static(self.tearing):
+                self.hole[f] = self._is_torn(f)
+                if self.hole[f] == 1:
+                    open_area += area.norm()
+        self.block_volume[k] = volume / self.state.dimension
+        if ti.static(self.tearing):
+            self.block_hole[k] = open_area
+
+    @ti.func
+    def prepare_end(self, slot, time, dt):
+        """Gauge pressure of every gas; then what flows in and out over ``dt`` [s] from ``time`` [s]."""
+        for g in range(self.count):
+            volume, hole = ti.cast(0.0, self.fine), ti.cast(0.0, self.fine)
+            for k in range(self.block_row[g], self.block_row[g + 1]):
+                volume += self.block_volume[k]
+                if ti.static(self.tearing):
+                    hole += self.block_hole[k]
+            u = self._strain_at(g, volume)
+            self.gauge[g] = self.amounts_of.gauge_at(g, u)
+            if self.amounts_of.is_inverted(u):
+                self.inverted[g] = 1
+            if ti.static(self.flows):
+                if dt > 0.0:
+                    gain = self.amounts_of.flow(g, u, hole, ti.cast(time, self.fine), ti.cast(dt, self.fine))
+                    if ti.static(self.booked):
+                        self.ledger.add(self.flow_term, self.reference[g], gain)
+
+    @ti.func
+    def _strain_at(self, g, volume):
+        rest = self.amounts_of.rest_volume[g]
+        return (volume - rest) / rest
+
+    @ti.func
+    def _volume_of(self, g, slot):
+        """Volume of gas g [m^3], measured anew."""
+        origin = self._origin_of(g, slot)
+        volume = ti.cast(0.0, self.fine)
+        for f in range(self.block_first[self.block_row[g]], self.block_first[self.block_row[g + 1]]):
+            start, area = self._face_at(f, slot)
+            volume += (start - origin).dot(area)
+        return volume / self.state.dimension
+
+    @ti.func
+    def _origin_of(self, g, slot):
+        """Where the volume is measured from: a point of the body, as far from it the parts would cancel."""
+        return ti.cast(self.state.x[slot, self.reference[g]], self.fine)
+
+    @ti.func
+    def _face_at(self, f, slot):
+        """First corner of a face [m], and its area vector [m^2] that looks out."""
+        corners = self.face[f]
+        a = ti.cast(self.state.x[slot, corners[0]], self.fine)
+        side = ti.cast(self.state.x[slot, corners[1]], self.fine) - a
+        area = side
+        if ti.static(self.state.dimension == 2):
+            area[0], area[1] = side[1], -side[0]
+        else:
+            area = 0.5 * side.cross(ti.cast(self.state.x[slot, corners[2]], self.fine) - a)
+        return a, area
+
+    @ti.func
+    def _is_torn(self, f) -> ti.i32:
+        torn = 0
+        for edge in ti.static(range(self.edge_count)):
+            s = self.face_spring[f][edge]
+            if s >= 0:
+                if self.tears.torn[s] != 0:
+                    torn = 1
+        return torn
+
+    # -- force and energy ---------------------------------------------------------------------------
+
+    @ti.func
+    def force_on(self, i, slot):
+        force = self.vector(0.0)
+        if self.row[i] < self.row[i + 1]:
+            force = self.gauge[self.gas[i]] * self._area_on(i, 0)
+        return force
+
+    @ti.func
+    def dissipation_on(self, i, slot):
+        """What the force lacks of the energy's gradient: the share of holes [N]."""
+        force = self.vector(0.0)
+        if ti.static(self.tearing):
+            if self.row[i] < self.row[i + 1]:
+                force = -self.gauge[self.gas[i]] * self._area_on(i, 1)
+        return force
+
+    @ti.func
+    def _area_on(self, i, hole):
+        """Particle i's share of the area vectors of its faces [m^2]: of whole ones, or with ``hole`` 1 of holes."""
+        area = self.vector(0.0)
+        for h in range(self.row[i], self.row[i + 1]):
+            f = self.entry_face[h]
+            if ti.static(self.tearing):
+                area += self.share[f] * ti.select(self.hole[f] == hole, 1.0, 0.0)
+            else:
+                area += self.share[f]
+        return area
+
+    @ti.func
+    def energy_on(self, i, slot):
+        """Free energy of the gas [J], 0 in the volume at rest; all of it on the body's reference particle."""
+        energy = ti.cast(0.0, self.fine)
+        g = self.gas[i]
+        if g >= 0:
+            if self.reference[g] == i:
+                energy = self.amounts_of.energy_at(g, self._strain_at(g, self._volume_of(g, slot)))
+        return ti.cast(energy, self.real)
+
+    # -- what the host asks -------------------------------------------------------------------------
+
+    def volumes(self) -> FloatArray:
+        """Volume inside every body with gas [m^3], in 2D that of 1 m thickness, shape (G,)."""
+        return self._survey()[0]
+
+    def gauge_pressures(self) -> FloatArray:
+        """Pressure of every gas above the one outside [Pa], 0 in a body that is inside out, shape (G,)."""
+        return self._survey()[1]
+
+    def pressures(self) -> FloatArray:
+        """Absolute pressure of every gas [Pa], shape (G,)."""
+        return self.gauge_pressures() + np.array([gas.ambient for gas in self.gases])
+
+    def amounts(self) -> FloatArray:
+        """Amount of every gas [mol], shape (G,)."""
+        return self.amounts_of.amounts()
+
+    def alarm(self) -> str | None:
+        """What went wrong since the last look: the first body whose volume was not positive."""
+        inverted = np.empty(self.count, dtype=np.int32)
+        self._take_inverted(inverted)
+        if not inverted.any():
+            return None
+        name = self.gases[int(inverted.argmax())].name
+        return f"body {name!r} turned inside out: its volume is not positive"
+
+    def keep(self) -> None:
+        """Copy amounts into a backup."""
+        self.amounts_of.keep()
+
+    def restore(self) -> None:
+        """Copy the backup back."""
+        self.amounts_of.restore()
+
+    def memory(self) -> dict[str, FloatArray]:
+        """What :meth:`remember` takes."""
+        return self.amounts_of.memory()
+
+    def remember(self, values: dict[str, FloatArray]) -> None:
+        """Set amounts from :meth:`memory`."""
+        self.amounts_of.remember(values)
+
+    def _survey(self) -> FloatArray:
+        values = np.empty((2, self.count))
+        self._read(self.state.slot, values)
+        return values
+
+    # -- to and from fields -------------------------------------------------------------------------
+
+    @ti.kernel
+    def _read(self, slot: int, values: ti.types.ndarray()):
+        ti.loop_config(serialize=self.state.serialize)
+        for g in range(self.count):
+            volume = self._volume_of(g, slot)
+            values[0, g] = volume
+            values[1, g] = self.amounts_of.gauge_at(g, self._strain_at(g, volume))
+
+    @ti.kernel
+    def _take_inverted(self, inverted: ti.types.ndarray()):
+        ti.loop_config(serialize=self.state.serialize)
+        for g in range(self.count):
+            inverted[g] = self.inverted[g]
+            self.inverted[g] = 0
+
+    @ti.kernel
+    def _write_rows(self, row: ti.types.ndarray(), face: ti.types.ndarray(), gas: ti.types.ndarray()):
+        for i in range(row.shape[0]):
+            self.row[i] = row[i]
+        for h in range(face.shape[0]):
+            self.entry_face[h] = face[h]
+        for i in range(gas.shape[0]):
+            self.gas[i] = gas[i]
+
+    @ti.kernel
+    def _write_faces(self, face: ti.types.ndarray(), spring: ti.types.ndarray()):
+        for f in range(face.shape[0]):
+            for corner in ti.static(range(self.state.dimension)):
+                self.face[f][corner] = face[f, corner]
+            if ti.static(self.tearing):
+                for edge in ti.static(range(self.edge_count)):
+                    self.face_spring[f][edge] = spring[f, edge]
+
+    @ti.kernel
+    def _write_blocks(
+        self,
+        first: ti.types.ndarray(),
+        row: ti.types.ndarray(),
+        gas: ti.types.ndarray(),
+        reference: ti.types.ndarray(),
+    ):
+        for k in range(first.shape[0]):
+            self.block_first[k] = first[k]
+        for k in range(gas.shape[0]):
+            self.block_gas[k] = gas[k]
+        for g in range(row.shape[0]):
+            self.block_row[g] = row[g]
+        for g in range(reference.shape[0]):
+            self.reference[g] = reference[g]

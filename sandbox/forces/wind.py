@@ -1,0 +1,306 @@
+"""Moving air: pressure drag and skin friction on the faces of thin bodies.
+
+Every face feels 1/2 rho A |u| (C_D (u n) n + C_S u_t), with u the wind at its centre less its own
+velocity, n its normal and u_t the part of u along it: the flat plate of any book on aerodynamics.
+It acts on both sides alike, and in equal parts on the corners. In 2D faces are edges, 1 m deep.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import taichi as ti
+from numpy.typing import NDArray
+
+from sandbox import runtime
+from sandbox.forces.faces import incident_faces
+from sandbox.forces.tears import Tears
+from sandbox.ledger import Ledger
+from sandbox.scene.assemble import Assembly
+from sandbox.scene.model import Gust, Vortex, Wind
+from sandbox.state import ParticleState, place
+
+FloatArray = NDArray[np.float64]
+
+_WAVES = 12
+# Wave numbers and frequencies lie within this factor of the typical ones: far enough apart not to repeat.
+_SPREAD = 1.8
+# Odd polynomial for sin(2 pi r), |r| <= 1/4, by least squares; off by at most 4e-14. The library's sine
+# is called number by number, this is compiled into vector instructions.
+_SINE = (
+    6.283185307177229, -41.341702238987565, 81.60524903180603, -76.70584111621991,
+    42.05796351746339, -15.079290382184531, 3.6550618571116242,
+)  # fmt: skip
+# Smallest area [m^2] that has a normal.
+_TINY = 1e-20
+
+
+@dataclass(frozen=True)
+class Waves:
+    """Gusts as M plane waves of velocity: the sum of amplitude sin(2 pi (vector x + rate t + phase))."""
+
+    vector: FloatArray
+    """Wave vectors [1/m], shape (M, d)."""
+    rate: FloatArray
+    """[1/s], shape (M,)."""
+    phase: FloatArray
+    """[1], shape (M,)."""
+    amplitude: FloatArray
+    """Each across its wave vector, so that no air piles up [m/s], shape (M, d)."""
+
+
+def gust_waves(gust: Gust, dimension: int, drift: FloatArray) -> Waves:
+    """Waves of a gust in wind of mean velocity ``drift`` [m/s], shape (d,): the same for the same seed.
+
+    They come in sets of d with wave vectors and amplitudes along the axes of a turned frame, which
+    makes the mean square the same along every axis. Beside their own rate they are carried along by
+    the wind (Taylor 1938: frozen turbulence).
+    """
+    random = np.random.default_rng(gust.seed)
+    sets = _WAVES // dimension
+    frames = [np.linalg.qr(random.standard_normal((dimension, dimension)))[0] for _ in range(sets)]
+    scale, speed = (_SPREAD ** random.uniform(-1.0, 1.0, sets * dimension) for _ in range(2))
+    vector = np.concatenate(frames) * (scale / gust.length)[:, None]
+    rate = speed / gust.period * random.choice([-1.0, 1.0], sets * dimension) - vector @ drift
+    amplitude = np.concatenate([np.roll(frame, 1, axis=0) for frame in frames]) * gust.strength * np.sqrt(2.0 / sets)
+    return Waves(vector=vector, rate=rate, phase=random.uniform(0.0, 1.0, sets * dimension), amplitude=amplitude)
+
+
+@ti.data_oriented
+class WindForce:
+    """The scene's wind on F faces. What the wind lacks (gusts, vortices, switching) is not compiled."""
+
+    dissipation_term = "wind"
+
+    def __init__(
+        self,
+        builder: ti.FieldsBuilder,
+        assembly: Assembly,
+        state: ParticleState,
+        tears: Tears | None,
+        ledger: Ledger | None,
+    ) -> None:
+        wind = assembly.scene.wind
+        assert isinstance(wind, Wind)
+        dimension = state.dimension
+        self.state = state
+        self.tears = tears
+        self.tearing = tears is not None
+        self.vector = runtime.vector(dimension)
+        self.uniform = np.zeros(dimension) if wind.velocity is None else np.array(wind.velocity)
+        self.mean = self.vector(self.uniform.tolist())
+        self.pressure_drag = 0.5 * wind.density * wind.drag_coefficient
+        self.skin_drag = 0.5 * wind.density * wind.skin_coefficient
+        self.has_skin = wind.skin_coefficient > 0.0
+        self.start, self.rise = wind.start, wind.rise
+        self.end = 0.0 if wind.end is None else wind.end
+        self.begins = wind.start > 0.0 or wind.rise > 0.0
+        self.ends = wind.end is not None
+        self.waves = None if wind.gust is None else gust_waves(wind.gust, dimension, self.uniform)
+        self.gusty = self.waves is not None
+        self.vortices = wind.vortices
+        self.vortex_count = len(wind.vortices)
+        self.turning = self.vortex_count > 0
+        self.rows = incident_faces(assembly.wind_faces.faces, state.count)
+        self.prepare_count = len(assembly.wind_faces.faces)
+        """Faces, each handled by one call of :meth:`prepare_at`."""
+        self._place(builder, assembly.wind_faces.springs.shape[1])
+
+    def _place(self, builder: ti.FieldsBuilder, edge_count: int) -> None:
+        real, dimension = runtime.real(), self.state.dimension
+        self.row = place(builder, ti.field(ti.i32), self.state.count + 1)
+        self.entry_face = place(builder, ti.field(ti.i32), len(self.rows.face))
+        self.face = place(builder, ti.Vector.field(dimension, ti.i32), self.prepare_count)
+        self.face_force = place(builder, self.vector.field(), self.prepare_count)
+        """What every corner of a face feels [N], shape (F,)."""
+        self.edge_count = edge_count
+        if self.tearing:
+            self.face_spring = place(builder, ti.Vector.field(edge_count, ti.i32), self.prepare_count)
+        if self.gusty:
+            # Wave vector, rate, phase and amplitude by row: consecutive waves are consecutive in memory.
+            self.wave = place(builder, ti.field(real), 2 * dimension + 2, len(self.waves.rate))
+        if self.turning:
+            self.centre = place(builder, self.vector.field(), self.vortex_count)
+            self.core = place(builder, ti.field(real), self.vortex_count)
+            """Radius of the core, squared [m^2]."""
+            self.spin = place(builder, ti.types.vector(3, real).field(), self.vortex_count)
+            """Angular velocity of the core [rad/s]; in 2D only the last part counts."""
+
+    def load(self, assembly: Assembly) -> None:
+        """Upload faces, waves and vortices."""
+        faces = assembly.wind_faces
+        self._write_faces(
+            self.rows.row, self.rows.face, np.ascontiguousarray(faces.faces), np.ascontiguousarray(faces.springs)
+        )
+        if self.waves is not None:
+            waves = self.waves
+            table = np.concatenate([waves.vector.T, waves.rate[None], waves.phase[None], waves.amplitude.T])
+            self._write_waves(np.ascontiguousarray(table))
+        if self.turning:
+            centre = np.array([vortex.center for vortex in self.vortices])
+            core = np.array([vortex.radius**2 for vortex in self.vortices])
+            self._write_vortices(
+                centre, core, np.array([_spin(vortex, self.state.dimension) for vortex in self.vortices])
+            )
+
+    # -- the air ------------------------------------------------------------------------------------
+
+    @ti.func
+    def velocity_at(self, x, time):
+        """Velocity of the air at a place [m] and a time [s]."""
+        velocity = self.mean
+        if ti.static(self.gusty):
+            velocity += self._gust_at(x, time)
+        if ti.static(self.turning):
+            velocity += self._vortices_at(x)
+        if ti.static(self.begins or self.ends):
+            velocity *= self._strength_at(time)
+        return velocity
+
+    @ti.func
+    def _strength_at(self, time):
+        """0 before the start and after the end, 1 in between; smooth where it rises and falls."""
+        strength = 1.0
+        if ti.static(self.rise > 0.0):
+            strength = self._smooth((time - self.start) / self.rise)
+            if ti.static(self.ends):
+                strength *= self._smooth((self.end - time) / self.rise)
+        else:
+            strength = ti.select(time >= self.start, 1.0, 0.0)
+            if ti.static(self.ends):
+                strength = ti.select(time < self.end, strength, 0.0)
+        return strength
+
+    @ti.func
+    def _smooth(self, s):
+        s = ti.min(ti.max(s, 0.0), 1.0)
+        return s * s * (3.0 - 2.0 * s)
+
+    @ti.func
+    def _gust_at(self, x, time):
+        velocity = self.vector(0.0)
+        dimension = ti.static(self.state.dimension)
+        for m in range(self.wave.shape[1]):
+            turns = self.wave[dimension, m] * time + self.wave[dimension + 1, m]
+            for axis in ti.static(range(dimension)):
+                turns += self.wave[axis, m] * x[axis]
+            height = self._sine(turns)
+            for axis in ti.static(range(dimension)):
+                velocity[axis] += height * self.wave[dimension + 2 + axis, m]
+        return velocity
+
+    @ti.func
+    def _sine(self, turns):
+        """sin(2 pi turns)."""
+        r = turns - ti.floor(turns + 0.5)
+        r = ti.min(ti.max(r, -0.5 - r), 0.5 - r)
+        square = r * r
+        sine = _SINE[-1]
+        for c in ti.static(_SINE[-2::-1]):
+            sine = sine * square + c
+        return r * sine
+
+    @ti.func
+    def _vortices_at(self, x):
+        """Rankine's vortices: a core that turns as one, around it speed as 1 / distance."""
+        velocity = self.vector(0.0)
+        for k in range(self.vortex_count):
+            d = x - self.centre[k]
+            if ti.static(self.state.dimension == 2):
+                turn = self.spin[k][2] * self.core[k] / ti.max(d.dot(d), self.core[k])
+                velocity += turn * ti.Vector([-d[1], d[0]])
+            else:
+                around = self.spin[k].cross(d)
+                # |around| is the angular velocity times the distance from the axis.
+                square = around.dot(around) / ti.max(self.spin[k].dot(self.spin[k]), _TINY)
+                velocity += around * (self.core[k] / ti.max(square, self.core[k]))
+        return velocity
+
+    # -- the force ----------------------------------------------------------------------------------
+
+    @ti.func
+    def prepare_at(self, k, slot, time, dt):
+        """Force of the air on face k."""
+        force = self._force_on_face(k, slot, time)
+        if ti.static(self.tearing):
+            for edge in ti.static(range(self.edge_count)):
+                s = self.face_spring[k][edge]
+                if s >= 0:
+                    if self.tears.torn[s] != 0:
+                        force = self.vector(0.0)
+        self.face_force[k] = force / self.state.dimension
+
+    @ti.func
+    def prepare_end(self, slot, time, dt):
+        pass
+
+    @ti.func
+    def _force_on_face(self, k, slot, time):
+        corners = self.face[k]
+        a = self.state.x[slot, corners[0]]
+        b = self.state.x[slot, corners[1]]
+        centre = a + b
+        own = self.state.force_velocity[slot, corners[0]] + self.state.force_velocity[slot, corners[1]]
+        area = self.vector(0.0)
+        if ti.static(self.state.dimension == 2):
+            area = ti.Vector([b[1] - a[1], a[0] - b[0]])
+        else:
+            c = self.state.x[slot, corners[2]]
+            centre += c
+            own += self.state.force_velocity[slot, corners[2]]
+            area = 0.5 * (b - a).cross(c - a)
+        u = self.velocity_at(centre / self.state.dimension, time) - own / self.state.dimension
+        size = area.norm()
+        across = u.dot(area) / ti.max(size, _TINY)
+        force = (self.pressure_drag - self.skin_drag) * across * area
+        if ti.static(self.has_skin):
+            force += self.skin_drag * size * u
+        return u.norm() * force
+
+    @ti.func
+    def force_on(self, i, slot):
+        force = self.vector(0.0)
+        for h in range(self.row[i], self.row[i + 1]):
+            force += self.face_force[self.entry_face[h]]
+        return force
+
+    @ti.func
+    def dissipation_on(self, i, slot):
+        """All of the force: it has no energy [N]."""
+        return self.force_on(i, slot)
+
+    # -- to fields ----------------------------------------------------------------------------------
+
+    @ti.kernel
+    def _write_faces(
+        self, row: ti.types.ndarray(), entry: ti.types.ndarray(), face: ti.types.ndarray(), spring: ti.types.ndarray()
+    ):
+        for i in range(row.shape[0]):
+            self.row[i] = row[i]
+        for h in range(entry.shape[0]):
+            self.entry_face[h] = entry[h]
+        for f in range(face.shape[0]):
+            for corner in ti.static(range(self.state.dimension)):
+                self.face[f][corner] = face[f, corner]
+            if ti.static(self.tearing):
+                for edge in ti.static(range(self.edge_count)):
+                    self.face_spring[f][edge] = spring[f, edge]
+
+    @ti.kernel
+    def _write_waves(self, table: ti.types.ndarray()):
+        for line, m in self.wave:
+            self.wave[line, m] = table[line, m]
+
+    @ti.kernel
+    def _write_vortices(self, centre: ti.types.ndarray(), core: ti.types.ndarray(), spin: ti.types.ndarray()):
+        for k in range(core.shape[0]):
+            self.core[k] = core[k]
+            for axis in ti.static(range(self.state.dimension)):
+                self.centre[k][axis] = centre[k, axis]
+            for axis in ti.static(range(3)):
+                self.spin[k][axis] = spin[k, axis]
+
+
+def _spin(vortex: Vortex, dimension: int) -> FloatArray:
+    """Angular velocity of the core [rad/s], shape (3,); in 2D about the axis that looks at the viewer."""
+    axis = np.array([0.0, 0.0, 1.0] if dimension == 2 else vortex.axis or (0.0, 1.0, 0.0))
+    return np.asarray(vortex.speed / vortex.radius * axis / np.linalg.norm(axis))
