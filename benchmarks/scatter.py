@@ -23,9 +23,9 @@ class Scatter:
         self.v.from_numpy(assembly.velocities.astype(np.float32))
         self.inverse_mass.from_numpy(assembly.inverse_masses.astype(np.float32))
         self.ends.from_numpy(assembly.springs)
-        self.rest_length.from_numpy(assembly.spring_rest_lengths.astype(np.float32))
-        self.stiffness.from_numpy(assembly.spring_stiffness.astype(np.float32))
-        self.damping.from_numpy(assembly.spring_damping.astype(np.float32))
+        self.rest_length.from_numpy(assembly.spring_set.rest_lengths.astype(np.float32))
+        self.stiffness.from_numpy(assembly.spring_set.stiffness.astype(np.float32))
+        self.damping.from_numpy(assembly.spring_set.damping.astype(np.float32))
 
     @ti.kernel
     def step(self, dt: float):

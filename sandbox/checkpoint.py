@@ -3,8 +3,9 @@
 import os
 import tomllib
 import zipfile
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,8 @@ from sandbox.files import replace_when_whole
 from sandbox.scene.load import scene_from_data, to_toml
 from sandbox.scene.model import Scene
 
-_FORMAT = 1
+_FORMAT = 2
+_MEMORY = "memory."
 
 
 @dataclass(frozen=True)
@@ -32,11 +34,14 @@ class Checkpoint:
     """Velocities that forces see [m/s]: ``velocities``, or the scheme's prediction of them."""
     arch: str
     precision: str
+    memory: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    """What parts remember beyond that, by name: rest lengths, amounts of gas, torn springs."""
 
 
 def write(path: str | os.PathLike[str], checkpoint: Checkpoint) -> None:
     """Write a checkpoint; the file appears under its name only once it is whole."""
     with replace_when_whole(Path(path)) as temporary, temporary.open("wb") as file:
+        memory: dict[str, Any] = {_MEMORY + name: values for name, values in checkpoint.memory.items()}
         np.savez_compressed(
             file,
             format=_FORMAT,
@@ -47,6 +52,7 @@ def write(path: str | os.PathLike[str], checkpoint: Checkpoint) -> None:
             force_velocities=checkpoint.force_velocities,
             arch=np.array(checkpoint.arch),
             precision=np.array(checkpoint.precision),
+            **memory,
         )
 
 
@@ -64,6 +70,11 @@ def read(path: str | os.PathLike[str]) -> Checkpoint:
                 force_velocities=np.asarray(data["force_velocities"], dtype=np.float64),
                 arch=str(data["arch"]),
                 precision=str(data["precision"]),
+                memory={
+                    name.removeprefix(_MEMORY): np.asarray(data[name], dtype=np.float64)
+                    for name in data.files
+                    if name.startswith(_MEMORY)
+                },
             )
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from None

@@ -133,7 +133,8 @@ def _load(source: str, assignments: list[str] | None, shortcuts: dict[str, Any])
     overrides = dict(parse_assignment(text) for text in assignments or [])
     given = {key: value for key, value in shortcuts.items() if value is not None}
     options = {key: f"--{_SHORTCUTS[key]}" for key in given}
-    return scene_from_data(read_toml(find_scene(source)), {**overrides, **given}, source, options)
+    path = find_scene(source)
+    return scene_from_data(read_toml(path), {**overrides, **given}, source, options, path.parent)
 
 
 def _size(text: str) -> list[int]:

@@ -4,13 +4,14 @@ One kernel measures everything that the scene has, in blocks of particles whose 
 order on the host: the numbers do not depend on the number of threads.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import taichi as ti
 
 from sandbox import runtime
+from sandbox.parts import Parts
 from sandbox.state import ParticleState, place
 
 _BLOCK = 256
@@ -49,17 +50,24 @@ class Measurement:
     """Deepest that a particle is inside a collider [m]; 0 if none is."""
     finite: bool
     """False if any coordinate or velocity is infinite or not a number."""
+    torn: int = 0
+    """Springs torn so far."""
+    work: Mapping[str, float] | None = None
+    """Work done on the bodies since the start, by term of the ledger [J]; None without a ledger."""
 
 
 @ti.data_oriented
 class Diagnostics:
     """Measures a state with the laws and colliders that act on it."""
 
-    def __init__(self, builder: ti.FieldsBuilder, state: ParticleState, laws: list[Any], colliders: list[Any]) -> None:
+    def __init__(self, builder: ti.FieldsBuilder, state: ParticleState, parts: Parts) -> None:
         self.state = state
-        self.laws = laws
-        self.strained = [law for law in laws if hasattr(law, "strain_on")]
-        self.colliders = colliders
+        self.laws = [law for law in parts.laws if hasattr(law, "energy_on")]
+        self.strained = [law for law in parts.laws if hasattr(law, "strain_on")]
+        self.colliders = parts.colliders
+        self.tears = parts.tears
+        self.ledger = parts.ledger
+        laws = self.laws
         self.double = runtime.settings().precision == "f64"
         self.blocks = -(-state.count // _BLOCK)
         dimension = state.dimension
@@ -76,7 +84,7 @@ class Diagnostics:
         self._read(table)
         sums = [float(value) for value in table[:, : self.sums].sum(axis=0)]
         strain, speed, depth, bad = (float(value) for value in table[:, self.sums :].max(axis=0))
-        parts = {"elastic": 0.0, "gravity": 0.0}
+        parts = {"elastic": 0.0, "gravity": 0.0, "gas": 0.0}
         for law, value in zip(self.laws, sums[1:], strict=False):
             parts[law.term] += value
         momenta = sums[1 + len(self.laws) :]
@@ -88,6 +96,8 @@ class Diagnostics:
             max_speed=speed,
             max_penetration=max(0.0, depth),
             finite=bad == 0.0 and bool(np.isfinite(table).all()),
+            torn=sum(tears.torn_count() for tears in self.tears),
+            work=self.ledger[0].totals() if self.ledger else None,
         )
 
     @ti.kernel

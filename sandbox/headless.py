@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sandbox import __version__, checkpoint
+from sandbox.balance import EnergyBalance
 from sandbox.errors import DivergedError, SandboxError, SceneError
 from sandbox.output.folder import RunFolder
 from sandbox.output.metrics import MetricsWriter
@@ -115,6 +116,16 @@ class Summary:
     energy_end: dict[str, float]
     max_strain: float
     """Largest strain of any measured instant [1]."""
+    torn_springs: int
+    """Springs that have torn."""
+    first_tear: float | None
+    """Time of the first picture that shows a tear [s]; None if nothing tore in this run."""
+    work: dict[str, float] | None
+    """Work done on the bodies by term of the ledger [J]; None where diagnostics.ledger is off, as the next two."""
+    energy_moved: float | None
+    """Energy that went from one form to another [J]."""
+    energy_unexplained: float | None
+    """Change of the total energy that no term explains [J]: the scheme's own error."""
     state_sha256: str
     """Hash of final positions and velocities: equal for equal trajectories."""
     seconds: dict[str, float]
@@ -174,9 +185,15 @@ class _Recorder:
         self.renderer, self.values = self._open_renderer()
         video = "none" if isinstance(self.renderer, NullRenderer) else options.video
         self.writer: PictureWriter = open_writer(folder.partial, video, scene.render.fps)
-        self.metrics = MetricsWriter(folder.partial / "metrics.csv", scene.dimension)
+        tears = self.simulation.assembly.spring_set.tears
+        self.metrics = MetricsWriter(
+            folder.partial / "metrics.csv", scene.dimension, tears=tears, ledger=scene.diagnostics.ledger
+        )
         self.first = self.simulation.measure()
         self.max_strain = self.first.max_strain
+        self.balance = EnergyBalance(self.first) if scene.diagnostics.ledger else None
+        self.torn = self.first.torn
+        self.first_tear: float | None = None
         self.poster: NDArray[np.uint8] | None = None
         self.poster_merit = -math.inf
         self.pictures = 0
@@ -192,7 +209,7 @@ class _Recorder:
             raise SceneError(
                 f"{path}: is at {saved.time:g} s already, the run ends at {self.scene.duration:g} s; raise --seconds"
             )
-        self.simulation.set_state(saved.positions, saved.velocities, saved.time, saved.force_velocities)
+        self.simulation.set_state(saved.positions, saved.velocities, saved.time, saved.force_velocities, saved.memory)
 
     def _open_renderer(self) -> tuple[Renderer, ParticleValues | None]:
         appearance = self.simulation.assembly.appearance
@@ -219,8 +236,16 @@ class _Recorder:
                 self.timings.first_step = clock.perf_counter() - self.start
             self.max_strain = max(self.max_strain, measured.max_strain)
             self.metrics.write(number, simulation.time, measured)
+            self._note_tears(measured.torn, simulation.time)
+            if self.balance is not None:
+                self.balance.add(measured)
             self._draw(number, count, measured.energy.elastic)
             progress.update(simulation.time, self._real_time_factor())
+
+    def _note_tears(self, torn: int, time: float) -> None:
+        if torn > self.torn:
+            self.first_tear = time if self.first_tear is None else self.first_tear
+            self.torn = torn
 
     def _draw(self, number: int, count: int, elastic: float) -> None:
         if isinstance(self.renderer, NullRenderer):
@@ -228,7 +253,9 @@ class _Recorder:
         state = self.simulation.state
         with self.timings.measure("render"):
             values = None if self.values is None else self.values.update()
-            picture = self.renderer.draw(state.x, state.slot, values)
+            picture = self.renderer.draw(
+                state.x, state.slot, values, time=self.simulation.time, torn=self.simulation.torn
+            )
         with self.timings.measure("encode"):
             self.writer.write(picture)
         self.pictures += 1
@@ -286,6 +313,11 @@ class _Recorder:
             energy_start=_energies(self.first.energy),
             energy_end=_energies(simulation.energy()),
             max_strain=self.max_strain,
+            torn_springs=self.torn,
+            first_tear=self.first_tear,
+            work=None if (work := simulation.measure().work) is None else dict(work),
+            energy_moved=None if self.balance is None else self.balance.moved,
+            energy_unexplained=None if self.balance is None else self.balance.unexplained,
             state_sha256=_hash(simulation),
             seconds=self.timings.summary(clock.perf_counter() - self.start),
             versions={"sandbox": __version__, "python": platform.python_version(), "numpy": np.__version__},

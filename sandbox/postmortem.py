@@ -32,7 +32,7 @@ class Failure:
         if assembly.spring_count == 0:
             return cls(None, 0.0, particle, float(speeds[particle]))
         a, b = assembly.springs.T
-        rest = assembly.spring_rest_lengths
+        rest = assembly.spring_set.rest_lengths
         with np.errstate(over="ignore"):
             stretch = np.abs(np.linalg.norm(positions[b] - positions[a], axis=1) - rest)
         strain = np.divide(stretch, rest, out=np.zeros_like(rest), where=rest > 0.0)
@@ -44,9 +44,12 @@ class Failure:
         if self.spring is None:
             body, particle = _particle_name(assembly, self.particle)
             return f"body {body!r}, particle {particle}"
-        index = int(assembly.spring_body[self.spring])
+        index = int(assembly.spring_set.body[self.spring])
+        if index >= len(assembly.scene.bodies):
+            attachment = assembly.scene.attachments[index - len(assembly.scene.bodies)]
+            return f"a spring that attaches {attachment.body!r} to {attachment.to!r}"
         body = assembly.scene.bodies[index].name
-        number = self.spring - int(np.searchsorted(assembly.spring_body, index))
+        number = self.spring - int(np.searchsorted(assembly.spring_set.body, index))
         ends = [_particle_name(assembly, int(end))[1] for end in assembly.springs[self.spring]]
         return f"body {body!r}, spring {number} (particles {ends[0]} and {ends[1]})"
 

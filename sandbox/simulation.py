@@ -3,22 +3,19 @@
 import math
 import os
 import warnings
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sandbox import checkpoint, runtime, stability
-from sandbox.contact.colliders import build_colliders
-from sandbox.diagnostics import Diagnostics, Energy, Measurement
+from sandbox.diagnostics import Energy, Measurement
 from sandbox.errors import DivergedError, SceneError
-from sandbox.forces.gravity import Gravity
-from sandbox.forces.springs import build_springs
-from sandbox.integrators.kick_drift import SERIAL_WORK, KickDrift
+from sandbox.integrators.kick_drift import SERIAL_WORK
 from sandbox.integrators.schemes import SCHEMES
+from sandbox.pipeline import FIRST_NEIGHBOURS, MOST_NEIGHBOURS, Memory, Pipeline, build_pipeline, network_of
 from sandbox.postmortem import Failure, describe
-from sandbox.scene.assemble import Assembly, assemble
+from sandbox.scene.assemble import assemble
 from sandbox.scene.model import Scene
 from sandbox.state import ParticleState
 
@@ -36,18 +33,6 @@ _COARSEST = 0.01
 
 class StabilityWarning(UserWarning):
     """A fixed step is longer than the scheme can take in this scene."""
-
-
-@dataclass
-class _Pipeline:
-    """What lives in Taichi, and dies when Taichi is started anew."""
-
-    tree: Any
-    state: ParticleState
-    laws: list[Any]
-    colliders: list[Any]
-    stepper: KickDrift
-    diagnostics: Diagnostics
 
 
 class Simulation:
@@ -84,9 +69,12 @@ class Simulation:
         self._settings = runtime.Settings(arch, precision or str(scene.solver.precision), threads, verbose)
         work = self.assembly.particle_count + 2 * self.assembly.spring_count
         self.serial = (arch == "cpu" and work <= SERIAL_WORK) if serial is None else serial
-        self._network = _spring_network(self.assembly)
-        self._pipeline: _Pipeline | None = None
+        self._network = network_of(self.assembly)
+        self._pipeline: Pipeline | None = None
         self._asleep = (self.assembly.positions, self.assembly.velocities, self.assembly.velocities)
+        self._asleep_memory: Memory | None = None
+        self._first_memory: Memory = {}
+        self._neighbours = FIRST_NEIGHBOURS[scene.dimension]
         self._measurement: Measurement | None = None
         self._check_start()
         self.initial_stable_dt = self._stable_dt(self.assembly.positions)
@@ -132,11 +120,24 @@ class Simulation:
 
     def _advance_checked(self, steps: int, dt: float) -> None:
         pipeline = self._wake()
-        pipeline.state.keep()
-        pipeline.stepper.advance(steps, dt)
+        pipeline.keep()
+        pipeline.stepper.advance(steps, dt, self.time)
         self._measurement = None
-        if self._out_of_bounds(self.measure()):
+        if pipeline.parts.contact and pipeline.parts.contact[0].overflowed():
+            pipeline.restore()
+            self._widen_contact()
+            self._advance_checked(steps, dt)
+        elif self._out_of_bounds(self.measure()) or pipeline.alarm():
             raise self._diverged(steps, dt)
+
+    def _widen_contact(self) -> None:
+        """Build everything again with room for twice as many neighbours."""
+        if self._neighbours >= MOST_NEIGHBOURS:
+            raise SceneError(
+                f"bodies: a particle meets more than {MOST_NEIGHBOURS} others at once; use smaller or more even radii"
+            )
+        self.suspend()
+        self._neighbours *= 2
 
     # -- what a state is ----------------------------------------------------------------------------
 
@@ -163,7 +164,18 @@ class Simulation:
     @property
     def laws(self) -> list[Any]:
         """Force laws of the scene, in the order of their sum."""
-        return self._wake().laws
+        return self._wake().parts.laws
+
+    @property
+    def torn(self) -> Any:
+        """Field of marks, nonzero where a spring has torn, shape (spring_count,); None where none can."""
+        tears = self._wake().parts.tears
+        return tears[0].torn if tears else None
+
+    @property
+    def memory(self) -> Memory:
+        """What the scene's parts remember beyond positions and velocities, by name: for :meth:`set_state`."""
+        return self._wake().memory()
 
     def positions(self) -> FloatArray:
         """Particle positions [m], shape (particle_count, dimension), in the scene's order."""
@@ -183,10 +195,12 @@ class Simulation:
         velocities: FloatArray,
         time: float | None = None,
         force_velocities: FloatArray | None = None,
+        memory: Memory | None = None,
     ) -> None:
         """Replace the state [m], [m/s], each (particle_count, dimension) in the scene's order, and the time [s].
 
-        ``force_velocities`` are what :meth:`force_velocities` gave, to continue a trajectory bit for bit.
+        ``force_velocities`` and ``memory`` are what those of this name gave, to continue a trajectory bit
+        for bit; without ``memory`` what parts remember stays as it is.
         """
         shape = (self.particle_count, self.assembly.dimension)
         arrays = []
@@ -196,13 +210,27 @@ class Simulation:
             if array.shape != shape or not np.isfinite(array).all():
                 raise SceneError(f"{name}: must be finite numbers of shape {shape}, got shape {array.shape}")
             arrays.append(self.assembly.internal_order(array))
+        if memory is not None:
+            self._check_memory(memory)
+            self._wake().remember(memory)
         self._wake().state.write(*arrays)
         self._measurement = None
         self.time = self.time if time is None else time
+        self._wake().set_time(self.time)
+
+    def _check_memory(self, memory: Memory) -> None:
+        for name, values in self._first_memory.items():
+            if name not in memory or memory[name].shape != values.shape or not np.isfinite(memory[name]).all():
+                raise SceneError(f"state: {name} must be {len(values)} finite numbers for this scene")
 
     def restore(self) -> None:
         """Go back to the start of the scene, with everything compiled."""
-        self._wake().state.write(self.assembly.positions, self.assembly.velocities)
+        pipeline = self._wake()
+        pipeline.state.write(self.assembly.positions, self.assembly.velocities)
+        pipeline.remember(self._first_memory)
+        for ledger in pipeline.parts.ledger:
+            ledger.clear()
+        pipeline.set_time(0.0)
         self._measurement = None
         self.time = 0.0
 
@@ -228,7 +256,9 @@ class Simulation:
 
     def stable_dt(self) -> float:
         """Largest stable step of the scene's integrator in the shape that the bodies have now [s]."""
-        return self._stable_dt(self._read()[0])
+        memory = self._asleep_memory if self._pipeline is None else self._pipeline.memory()
+        network = network_of(self.assembly, memory)
+        return stability.stable_step(network, self._read()[0], self.scheme.damping_weight)
 
     def _stable_dt(self, positions: FloatArray) -> float:
         return stability.stable_step(self._network, positions, self.scheme.damping_weight)
@@ -259,7 +289,7 @@ class Simulation:
         speed = float(np.linalg.norm(self.assembly.velocities, axis=1).max())
         if speed > bounds.max_speed:
             raise SceneError(f"diagnostics.max_speed: a body starts at {speed:.4g} m/s, above {bounds.max_speed:.4g}")
-        rest = self.assembly.spring_rest_lengths
+        rest = self.assembly.spring_set.rest_lengths
         rounding = float(
             np.finfo("float64" if self.precision == "f64" else "float32").eps * np.abs(self.assembly.positions).max()
         )
@@ -278,21 +308,25 @@ class Simulation:
     def _diverged(self, steps: int, dt: float) -> DivergedError:
         """Find the first bad step by taking the last steps again, one by one; leave the last good state."""
         pipeline = self._wake()
-        pipeline.state.restore()
-        good = pipeline.state.read()
+        pipeline.restore()
+        good, good_memory = pipeline.state.read(), pipeline.memory()
         before, time = good[:2], self.time
         for step in range(1, steps + 1):
-            pipeline.stepper.advance(1, dt)
+            pipeline.stepper.advance(1, dt, time)
             time = self.time + step * dt
             after = pipeline.state.read()[:2]
-            if self._out_of_bounds(pipeline.diagnostics.measure()):
+            alarm = pipeline.alarm()
+            if self._out_of_bounds(pipeline.diagnostics.measure()) or alarm:
                 break
             before = after
         finite = bool(np.isfinite(after[0]).all() and np.isfinite(after[1]).all())
         failure = Failure.of_state(self.assembly, *(after if finite else before))
         pipeline.state.write(*good)
+        pipeline.remember(good_memory)
         self._measurement = None
-        stable = self._stable_dt(good[0])
+        stable = self.stable_dt()
+        if alarm:
+            return DivergedError(f"diverged at t = {time:.6g} s: {alarm}", time=time, stable_dt=stable)
         frequencies = stability.element_frequencies(self._network)
         message = describe(failure, self.assembly, time, dt, stable, frequencies, finite)
         return DivergedError(message, time=time, stable_dt=stable)
@@ -312,6 +346,7 @@ class Simulation:
                 force_velocities=self.force_velocities(),
                 arch=settings.arch,
                 precision=settings.precision,
+                memory=self.memory,
             ),
         )
 
@@ -320,13 +355,14 @@ class Simulation:
         """The simulation of a checkpoint. Raises SceneError where the file is none."""
         saved = checkpoint.read(path)
         simulation = cls(saved.scene, arch=arch or saved.arch, precision=saved.precision, threads=threads)
-        simulation.set_state(saved.positions, saved.velocities, saved.time, saved.force_velocities)
+        simulation.set_state(saved.positions, saved.velocities, saved.time, saved.force_velocities, saved.memory)
         return simulation
 
     def suspend(self) -> None:
         """Leave Taichi, keeping the state; the next use builds everything again."""
         if self._pipeline is not None:
             self._asleep = self._pipeline.state.read()
+            self._asleep_memory = self._pipeline.memory()
             self._pipeline = None
 
     def close(self) -> None:
@@ -345,42 +381,15 @@ class Simulation:
     def _read(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         return self._asleep if self._pipeline is None else self._pipeline.state.read()
 
-    def _wake(self) -> _Pipeline:
+    def _wake(self) -> Pipeline:
         if self._pipeline is None:
             runtime.start(**vars(self._settings))
-            self._pipeline = _build(self.assembly, self.scheme, self.serial)
+            self._pipeline = build_pipeline(self.assembly, self.scheme, self.serial, self._neighbours)
             self._pipeline.state.write(*self._asleep)
+            if self._asleep_memory is None:
+                self._first_memory = self._pipeline.memory()
+            else:
+                self._pipeline.remember(self._asleep_memory)
+                self._pipeline.set_time(self.time)
             runtime.register(self)
         return self._pipeline
-
-
-def _build(assembly: Assembly, scheme: Any, serial: bool) -> _Pipeline:
-    """Fields and kernels for just what the scene names."""
-    scene = assembly.scene
-    builder = runtime.fields_builder()
-    state = ParticleState(builder, assembly, scheme.predicts_velocity and bool(assembly.spring_damping.any()))
-    laws: list[Any] = []
-    if scene.gravity is not None and any(scene.gravity):
-        laws.append(Gravity(state, scene.gravity))
-    loads: list[Any] = [state]
-    if assembly.spring_count:
-        laws.append(build_springs(builder, assembly, state))
-        loads.append(laws[-1])
-    colliders, contact_parts = build_colliders(builder, assembly, state)
-    diagnostics = Diagnostics(builder, state, laws, colliders)
-    tree = builder.finalize()
-    for part in loads + contact_parts:
-        part.load(assembly)
-    pinned = bool((assembly.inverse_masses == 0.0).any())
-    stepper = KickDrift(scheme, state, laws, colliders, scene.drag, pinned, serial)
-    return _Pipeline(tree, state, laws, colliders, stepper, diagnostics)
-
-
-def _spring_network(assembly: Assembly) -> stability.SpringNetwork:
-    return stability.SpringNetwork(
-        inverse_masses=assembly.inverse_masses,
-        springs=assembly.springs,
-        rest_lengths=assembly.spring_rest_lengths,
-        stiffness=assembly.spring_stiffness,
-        damping=assembly.spring_damping,
-    )

@@ -84,3 +84,16 @@ def sliding(velocity: float, angle: float, friction: float, gravity: float, t: f
 def fitted_order(steps: list[float], errors: list[float]) -> float:
     """Slope of log error against log step."""
     return float(np.polyfit(np.log(steps), np.log(errors), 1)[0])
+
+
+def catenary(span: float, length: float) -> tuple[float, float]:
+    """Sag [m] of a chain hung between two points of one height, and its end tension over the horizontal one [1].
+
+    y = a cosh(x / a) with 2 a sinh(span / 2a) = length: sag a (cosh(span / 2a) - 1), ratio cosh(span / 2a).
+    Source: Huygens, Leibniz, Bernoulli 1691; any textbook on statics.
+    """
+    low, high = 1e-3 * span, 1e3 * span
+    for _ in range(200):
+        a = 0.5 * (low + high)
+        low, high = (a, high) if 2.0 * a * math.sinh(span / (2.0 * a)) > length else (low, a)
+    return a * (math.cosh(span / (2.0 * a)) - 1.0), math.cosh(span / (2.0 * a))

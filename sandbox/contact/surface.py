@@ -41,21 +41,28 @@ class UniformSurface:
     def __init__(self, pair: ContactPair) -> None:
         self.restitution = pair.restitution
         self.friction = pair.friction
+        self.rough = pair.friction > 0.0
+        """False where there is no friction to compute."""
 
     def load(self, assembly: Assembly) -> None:
         """Nothing to upload."""
 
     @ti.func
-    def respond(self, i, v, normal):
-        after = bounce(v, normal, self.restitution)
-        if ti.static(self.friction > 0.0):
-            after -= rub(v, normal, self.restitution, self.friction)
-        return after
+    def bounce(self, i, v, normal):
+        """Velocity after the meeting, but for friction."""
+        return bounce(v, normal, self.restitution)
+
+    @ti.func
+    def rub(self, i, v, normal):
+        """What friction takes from the velocity."""
+        return rub(v, normal, self.restitution, self.friction)
 
 
 @ti.data_oriented
 class BodySurfaces:
     """Restitution and friction that depend on the body: one number of each a particle."""
+
+    rough = True
 
     def __init__(self, builder: ti.FieldsBuilder, assembly: Assembly, pairs: Sequence[ContactPair]) -> None:
         self.pairs = pairs
@@ -74,6 +81,11 @@ class BodySurfaces:
             self.friction[i] = friction[i]
 
     @ti.func
-    def respond(self, i, v, normal):
-        after = bounce(v, normal, self.restitution[i])
-        return after - rub(v, normal, self.restitution[i], self.friction[i])
+    def bounce(self, i, v, normal):
+        """Velocity after the meeting, but for friction."""
+        return bounce(v, normal, self.restitution[i])
+
+    @ti.func
+    def rub(self, i, v, normal):
+        """What friction takes from the velocity."""
+        return rub(v, normal, self.restitution[i], self.friction[i])

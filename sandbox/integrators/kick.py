@@ -17,6 +17,11 @@ class PlainKick:
     def apply(self, v, a, decay, gain):
         return v + gain * a
 
+    @ti.func
+    def duration(self, decay, gain):
+        """The time that factors were made for [s]."""
+        return gain
+
 
 @ti.data_oriented
 class DragKick:
@@ -33,3 +38,13 @@ class DragKick:
     @ti.func
     def apply(self, v, a, decay, gain):
         return decay * v + gain * a
+
+    @ti.func
+    def duration(self, decay, gain):
+        """The time that factors were made for [s]."""
+        lost = 1.0 - decay
+        # -log(decay) / (1 - decay), by its series where the difference from 1 is small.
+        ratio = 1.0 + lost * (1.0 / 2.0 + lost * (1.0 / 3.0 + lost * (1.0 / 4.0 + lost / 5.0)))
+        if lost > 0.01:
+            ratio = -ti.log(decay) / lost
+        return gain * ratio

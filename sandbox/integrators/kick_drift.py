@@ -6,13 +6,13 @@ its size. Which one a simulation uses depends on its size alone, so that the num
 changes a result.
 """
 
-from typing import Any
-
 import taichi as ti
 
 from sandbox import runtime
+from sandbox.integrators.bookkeeping import Bookkeeping
 from sandbox.integrators.kick import DragKick, PlainKick
 from sandbox.integrators.schemes import SplittingScheme
+from sandbox.parts import Parts
 from sandbox.state import SLICE, ParticleState
 
 # Work (particles + half-edges) below which one serial launch wins; see benchmarks/crossover.py.
@@ -21,41 +21,42 @@ SERIAL_WORK = 300_000
 
 @ti.data_oriented
 class KickDrift:
-    """Advances a state by a splitting scheme with the given laws and colliders."""
+    """Advances a state by a splitting scheme with the given parts."""
 
     def __init__(
-        self,
-        scheme: SplittingScheme,
-        state: ParticleState,
-        laws: list[Any],
-        colliders: list[Any],
-        drag: float,
-        pinned: bool,
-        serial: bool,
+        self, scheme: SplittingScheme, state: ParticleState, parts: Parts, drag: float, pinned: bool, serial: bool
     ) -> None:
         self.scheme = scheme
         self.state = state
-        self.laws = laws
-        self.slicing = [law for law in laws if hasattr(law, "gather_slice")]
+        self.laws = parts.laws
+        self.slicing = [law for law in parts.laws if hasattr(law, "gather_slice")]
+        self.evolving = [law for law in parts.laws if getattr(law, "changes", False)]
+        self.preparing = [part for part in [*parts.movers, *parts.laws] if hasattr(part, "prepare_end")]
         self.slices = state.capacity // SLICE
-        self.colliders = colliders
+        self.colliders = parts.colliders
+        self.carriers = parts.carriers
+        self.contact = parts.contact
         self.kick = DragKick(drag) if drag > 0.0 else PlainKick()
+        self.books = [Bookkeeping(state, parts, self.kick, ledger) for ledger in parts.ledger]
         # Colliders must not push a pinned particle; without colliders a pinned one feels nothing anyway.
-        self.guards_pinned = pinned and bool(colliders)
+        self.guards_pinned = pinned and bool(parts.colliders)
         self.serial = serial
         self.vector = runtime.vector(state.dimension)
 
-    def advance(self, steps: int, dt: float) -> None:
-        """Take ``steps`` steps of ``dt`` [s]; afterwards positions and velocities are of the same time."""
+    def advance(self, steps: int, dt: float, time: float) -> None:
+        """Take ``steps`` steps of ``dt`` [s] from ``time`` [s]; afterwards x and v are of the same time."""
         lead = self.kick.factors(self.scheme.lead * dt)
         whole = self.kick.factors(dt)
         rest = self.kick.factors((1.0 - self.scheme.lead) * dt)
         ahead = 0.5 * dt
+        for contact in self.contact:
+            contact.invalidate()
         if self.serial:
-            self._run_serial(self.state.slot, steps, *lead, *whole, *rest, dt, ahead)
-            passes = steps + (self.scheme.lead < 1.0)
+            self._run_serial(self.state.slot, steps, *lead, *whole, *rest, dt, ahead, time)
         else:
-            passes = self._run_parallel(steps, lead, whole, rest, dt, ahead)
+            self._run_parallel(steps, lead, whole, rest, dt, ahead, time)
+        # With contact a step ends in the slot that it began in.
+        passes = (0 if self.contact else steps) + (self.scheme.lead < 1.0)
         self.state.slot = (self.state.slot + passes) % 2
 
     def _run_parallel(
@@ -66,18 +67,28 @@ class KickDrift:
         rest: tuple[float, float],
         dt: float,
         ahead: float,
-    ) -> int:
+        time: float,
+    ) -> None:
         slot = self.state.slot
         for step in range(steps):
             factors = lead if step == 0 else whole
-            self._step_parallel((slot + step) % 2, *factors, dt, ahead)
-        if self.scheme.lead == 1.0:
-            return steps
-        self._step_parallel((slot + steps) % 2, *rest, 0.0, 0.0)
-        return steps + 1
+            self._step_parallel(slot, *factors, dt, ahead, time + step * dt)
+            if self.contact:
+                self.contact[0].resolve(1 - slot, slot, dt)
+            else:
+                slot = 1 - slot
+        if self.scheme.lead < 1.0:
+            self._step_parallel(slot, *rest, 0.0, 0.0, time + steps * dt)
 
     @ti.kernel
-    def _step_parallel(self, slot: int, decay: float, gain: float, dt: float, ahead: float):
+    def _step_parallel(self, slot: int, decay: float, gain: float, dt: float, ahead: float, time: float):
+        for part in ti.static(self.preparing):
+            if ti.static(part.prepare_count > 0):
+                for k in range(part.prepare_count):
+                    part.prepare_at(k, slot, time, dt)
+            ti.loop_config(serialize=True)
+            for _ in range(1):
+                part.prepare_end(slot, time, dt)
         if ti.static(self.slicing):
             for index in range(self.slices):
                 self.step_slice(index, slot, decay, gain, dt, ahead)
@@ -98,6 +109,7 @@ class KickDrift:
         rest_gain: float,
         dt: float,
         ahead: float,
+        time: float,
     ):
         # One loop that takes the first, middle and last kicks by selection: the step is compiled once.
         passes = steps
@@ -111,12 +123,28 @@ class KickDrift:
                     step_decay, step_gain = lead_decay, lead_gain
                 if n == steps:
                     step_decay, step_gain, step_dt, step_ahead = rest_decay, rest_gain, 0.0, 0.0
+            source = (slot + n) % 2
+            if ti.static(self.contact):
+                source = slot
+            self._prepare(source, time + n * dt, step_dt)
             if ti.static(self.slicing):
                 for index in range(self.slices):
-                    self.step_slice(index, (slot + n) % 2, step_decay, step_gain, step_dt, step_ahead)
+                    self.step_slice(index, source, step_decay, step_gain, step_dt, step_ahead)
             else:
                 for i in range(self.state.count):
-                    self.step(i, (slot + n) % 2, step_decay, step_gain, step_dt, step_ahead)
+                    self.step(i, source, step_decay, step_gain, step_dt, step_ahead)
+            if ti.static(self.contact):
+                if n < steps:
+                    self.contact[0].resolve_serial(1 - source, source, dt)
+
+    @ti.func
+    def _prepare(self, slot, time, dt):
+        """What parts must know of the whole state before the forces, one after the other."""
+        for part in ti.static(self.preparing):
+            if ti.static(part.prepare_count > 0):
+                for k in range(part.prepare_count):
+                    part.prepare_at(k, slot, time, dt)
+            part.prepare_end(slot, time, dt)
 
     @ti.func
     def step_slice(self, index, slot, decay, gain, dt, ahead):
@@ -129,6 +157,8 @@ class KickDrift:
     @ti.func
     def step(self, i, slot, decay, gain, dt, ahead):
         """Particle i from ``slot`` to the other one."""
+        for law in ti.static(self.evolving):
+            law.evolve(i, slot, dt)
         force = self.vector(0.0)
         for law in ti.static(self.laws):
             force += law.force_on(i, slot)
@@ -139,6 +169,12 @@ class KickDrift:
         if ti.static(not self.guards_pinned) or self.state.inverse_mass[i] > 0.0:
             for collider in ti.static(self.colliders):
                 x, v = collider.resolve(i, start, x, v, dt)
+        for carrier in ti.static(self.carriers):
+            x, v = carrier.carry(i, start, x, v, dt)
+        for contact in ti.static(self.contact):
+            contact.watch(i, x)
+        for books in ti.static(self.books):
+            books.enter(i, slot, force, x, v, decay, gain, dt)
         self.state.x[1 - slot, i] = x
         self.state.v[1 - slot, i] = v
         if ti.static(self.state.predicts_velocity):

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from sandbox.diagnostics import Measurement
+from sandbox.ledger import TERMS
 
 _AXES = "xyz"
 
@@ -12,7 +13,9 @@ _AXES = "xyz"
 class MetricsWriter:
     """Writes a row for every measured instant."""
 
-    def __init__(self, path: Path, dimension: int) -> None:
+    def __init__(self, path: Path, dimension: int, tears: bool = False, ledger: bool = False) -> None:
+        """``tears`` and ``ledger`` add columns that only such scenes have."""
+        self._tears, self._ledger = tears, ledger
         self._file = path.open("w", newline="", encoding="utf-8")
         self._writer: Any = csv.writer(self._file)
         axes = _AXES[:dimension]
@@ -22,6 +25,8 @@ class MetricsWriter:
             + [f"momentum_{axis}_kg_m_s" for axis in axes]
             + [f"angular_momentum_{axis}_kg_m2_s" for axis in turns]
             + ["max_strain", "max_speed_m_s", "max_penetration_m"]
+            + (["torn_springs"] if tears else [])
+            + ([f"work_{term}_J" for term in TERMS] if ledger else [])
         )
 
     def write(self, frame: int, time: float, measured: Measurement) -> None:
@@ -32,7 +37,12 @@ class MetricsWriter:
             *(*measured.momentum, *measured.angular_momentum),
             *(measured.max_strain, measured.max_speed, measured.max_penetration),
         ]
-        self._writer.writerow([frame, *(f"{number:.9g}" for number in numbers)])
+        if self._ledger and measured.work is not None:
+            numbers.extend(measured.work[term] for term in TERMS)
+        row = [f"{number:.9g}" for number in numbers]
+        if self._tears:
+            row.insert(len(row) - (len(TERMS) if self._ledger else 0), str(measured.torn))
+        self._writer.writerow([frame, *row])
 
     def close(self) -> None:
         """Finish the file."""

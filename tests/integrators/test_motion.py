@@ -134,3 +134,50 @@ def test_chain_between_fixed_ends_swings_at_its_mode(simulate, mode):
     offsets = simulation.positions()[:, 0] - spacing * np.arange(count + 2)
     # Half a period later every mass is mirrored; the scheme's own phase error is far below 1e-3.
     assert offsets == pytest.approx(-1e-4 * shape, abs=1e-7)
+
+
+def hanging_cable(segments: int):
+    """Span 2 m, length 2.5 m, 1 kg, nearly inextensible; starts as a V."""
+    along = np.linspace(0.0, 1.0, segments + 1)
+    depth = np.sqrt(1.25**2 - 1.0)
+    points = np.stack([2.0 * along - 1.0, -depth * (1.0 - np.abs(2.0 * along - 1.0))], axis=1)
+    masses = np.full(segments + 1, 1.0 / segments)
+    return make_scene(
+        dimension=2,
+        gravity=[0.0, -9.81],
+        drag=2.0,
+        solver={"dt": "auto", "precision": "f64"},
+        bodies=[
+            {
+                "name": "cable",
+                "shape": {
+                    "kind": "custom",
+                    "points": points.tolist(),
+                    "springs": [[i, i + 1] for i in range(segments)],
+                    "rest_lengths": [2.5 / segments] * segments,
+                    "masses": masses.tolist(),
+                    "pinned": [0, segments],
+                },
+                "material": {"stiffness": 2e5 * segments / 2.5, "damping_ratio": 0.2},
+            }
+        ],
+    )
+
+
+def test_catenary_sag_and_tension_converge(simulate):
+    sag, ratio = analytical.catenary(2.0, 2.5)
+    assert (sag, ratio) == pytest.approx((0.66359, 1.7849), rel=4e-5)  # the figures that everybody quotes
+    errors = []
+    for segments in (10, 20, 40):
+        simulation = simulate(hanging_cable(segments))
+        simulation.advance(8.0)
+        positions = simulation.positions()
+        d = np.diff(positions, axis=0)
+        forces = (2e5 * segments / 2.5) * (1.0 - (2.5 / segments) / np.linalg.norm(d, axis=1))[:, None] * d
+        # The end holds its spring and the weight of half a segment.
+        end = np.hypot(forces[-1, 0], forces[-1, 1] + 0.5 * 9.81 / segments)
+        errors.append([abs(-positions[:, 1].min() - sag), abs(end / forces[:, 0].mean() - ratio)])
+        simulation.close()
+    errors = np.array(errors)
+    assert errors[-1] == pytest.approx([0.0, 0.0], abs=1.5e-3)
+    assert (errors[:-1] / errors[1:] > 2.5).all()  # of second order in the length of segments
