@@ -14,6 +14,8 @@ WALLS = {
     "sphere": {"kind": "sphere", "position": [0.01, 0.0], "radius": 0.01},
     "box": {"kind": "box", "position": [0.01, 0.0], "size": [0.02, 1.0]},
     "turned box": {"kind": "box", "position": [0.01, 0.0], "size": [1.0, 0.02], "rotation": 90.0},
+    "capsule": {"kind": "capsule", "from": [0.01, -0.5], "to": [0.01, 0.5], "radius": 0.01},
+    "polygon": {"kind": "polygon", "points": [[0.0, -0.5], [0.02, -0.5], [0.02, 0.5], [0.0, 0.5]]},
 }
 
 
@@ -32,9 +34,15 @@ def test_no_speed_carries_a_particle_through_a_thin_wall(simulate, kind, speed):
 
 
 @pytest.mark.parametrize("restitution", [1.0, 0.7, 0.4])
-def test_rebound_heights(simulate, restitution):
+@pytest.mark.parametrize("kind", ["half_space", "capsule", "polygon"])
+def test_rebound_heights(simulate, kind, restitution):
     solver = {"integrator": "velocity_verlet", "dt": 1e-5, "precision": "f64"}
-    ground = {**GROUND, "restitution": restitution}
+    solid = {
+        "half_space": GROUND,
+        "capsule": {"kind": "capsule", "from": [-1.0, -0.5], "to": [1.0, -0.5], "radius": 0.5},
+        "polygon": {"kind": "polygon", "points": [[-1.0, 0.0], [0.0, -1.0], [1.0, 0.0]]},
+    }[kind]
+    ground = {**solid, "restitution": restitution}
     simulation = simulate(falling_point(gravity=[0.0, -9.81], solver=solver, colliders=[ground]))
     # h0 = 1; the n-th rebound tops out at e^(2n).
     top = math.sqrt(2.0 / 9.81)
@@ -46,7 +54,7 @@ def test_rebound_heights(simulate, restitution):
         time += 2.0 * rise
 
 
-@pytest.mark.parametrize("kind", ["half_space", "box"])
+@pytest.mark.parametrize("kind", ["half_space", "box", "capsule", "polygon"])
 @pytest.mark.parametrize("friction", [0.3, 0.6])
 def test_incline(simulate, kind, friction):
     """A particle on a slope slides iff tan(angle) > mu, and then as Coulomb says."""
@@ -56,6 +64,12 @@ def test_incline(simulate, kind, friction):
         down = np.array([math.cos(angle), -math.sin(angle)])
         if kind == "half_space":
             slope = {"kind": kind, "point": [0.0, 0.0], "normal": normal.tolist()}
+        elif kind == "capsule":
+            ends = [(side * 4.5 * down - 0.5 * normal).tolist() for side in (-1.0, 1.0)]
+            slope = {"kind": kind, "from": ends[0], "to": ends[1], "radius": 0.5}
+        elif kind == "polygon":
+            corners = [[-4.5, -1.0], [4.5, -1.0], [4.5, 0.0], [-4.5, 0.0]]
+            slope = {"kind": kind, "points": corners, "rotation": -math.degrees(angle)}
         else:
             centre = -0.5 * normal
             slope = {"kind": kind, "position": centre.tolist(), "size": [9.0, 1.0], "rotation": -math.degrees(angle)}
@@ -92,6 +106,70 @@ def test_starting_inside_comes_out_at_the_closest_surface_without_speed(simulate
     assert simulation.positions()[0] == pytest.approx([1.0, 0.0], abs=1e-9)
     assert simulation.velocities()[0] == pytest.approx([0.0, 0.0], abs=1e-12)
     assert simulation.measure().max_penetration < 1e-9
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_many_of_a_kind_are_those_one_by_one(simulate, dimension):
+    """Kernels hold few solids as constants and many in a table: the same trajectories."""
+    rng = np.random.default_rng(8)
+    zero = [0.0] * dimension
+    if dimension == 2:
+        kinds = [
+            {"kind": "sphere", "radius": 0.2},
+            {"kind": "half_space", "normal": [0.1, 1.0]},
+            {"kind": "polygon", "points": [[0.0, 0.0], [0.4, 0.0], [0.1, 0.1], [0.0, 0.4]], "rotation": 15.0},
+        ]
+    else:
+        kinds = [
+            {"kind": "box", "size": [0.3] * 3, "rotation": [20.0, 10.0, 5.0]},
+            {"kind": "capsule", "from": zero, "to": [0.3] * 3, "radius": 0.1},
+        ]
+    colliders = []
+    for k in range(3):
+        for column, kind in enumerate(kinds):
+            place = [float(column), 0.5 * k, *[0.0] * (dimension - 2)]
+            where = {"point": [0.0, -1.0 - k, *zero[2:]]} if kind["kind"] == "half_space" else {"position": place}
+            colliders.append({**kind, **where, "restitution": 0.5, "friction": 0.2})
+    points = np.concatenate([rng.uniform([-0.5, 1.3], [2.5, 2.0], (48, 2)), 0.05 * rng.normal(size=(48, 1))], axis=1)
+    shape = {"kind": "custom", "points": points[:, :dimension].tolist()}
+    results = []
+    for slightly in (0.0, 1e-13):  # a friction of its own keeps each solid by itself
+        own = [{**c, "friction": c["friction"] + slightly * row} for row, c in enumerate(colliders)]
+        simulation = simulate(
+            make_scene(
+                dimension=dimension,
+                solver={"dt": 1e-3, "precision": "f64"},
+                gravity=[0.0, -9.81, *zero[2:]],
+                bodies=[{"name": "rain", "shape": shape}],
+                colliders=own,
+            )
+        )
+        assert len(simulation._wake().parts.colliders) == (len(kinds) if slightly == 0.0 else len(colliders))
+        simulation.advance(0.4)
+        assert simulation.measure().max_penetration < 1e-9
+        results.append(simulation.positions())
+    assert results[0] == pytest.approx(results[1], abs=1e-6)
+
+
+def test_touching_a_thin_wall_is_no_way_through_it(simulate):
+    """From right at the surface, or a rounding inside it, inward and out on the other side within one step."""
+    starts = [[-1e-9, 0.1], [1e-9, 0.0], [-1e-9, -0.1], [0.01, 5.0 - 0.01 + 1e-9]]
+    velocities = [[100.0, 0.0], [100.0, 3.0], [100.0, -3.0], [0.0, 100.0]]
+    shape = {"kind": "custom", "points": starts, "velocities": velocities}
+    ball = {"kind": "sphere", "position": [0.01, 5.0], "radius": 0.01}
+    for wall in ("box", "polygon", "capsule"):
+        simulation = simulate(
+            make_scene(
+                dimension=2,
+                solver={"dt": 1e-3, "precision": "f64"},
+                bodies=[{"name": "shots", "shape": shape}],
+                colliders=[WALLS[wall], ball],
+            )
+        )
+        simulation.advance(1e-3)
+        assert np.abs(simulation.velocities()[:3, 0]).max() < 1e-6
+        assert np.abs(simulation.positions()[:3, 0]).max() < 1e-6
+        assert simulation.positions()[3, 1] == pytest.approx(4.99, abs=1e-6)
 
 
 def test_centre_of_a_sphere_is_no_trap(simulate):
