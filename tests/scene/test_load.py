@@ -110,6 +110,55 @@ WRONG = [
     ("render.camera", {"eye": [1, 2], "target": [1, 2]}, "render.camera: eye and target are the same point"),
     ("render.fps", 0, "render.fps: must be > 0, got 0"),
     ("duration", 0, "duration: must be > 0, got 0"),
+    ("bodies.0.self_contact", True, "bodies[0]: self_contact needs radius > 0"),
+    ("bodies.0.radius", -0.1, "bodies[0].radius: must be >= 0, got -0.1"),
+    ("bodies.0.pressure", {}, "bodies[0].pressure: give either amount or gauge_pressure"),
+    ("bodies.0.pressure", {"amount": -1.0}, "bodies[0].pressure.amount: must be >= 0, got -1.0"),
+    ("bodies.0.pressure", {"gauge_pressure": -2e5}, "bodies[0].pressure: gauge_pressure is below vacuum"),
+    ("bodies.0.pressure", {"amount": 1.0, "temperature": 0.0}, "bodies[0].pressure.temperature: must be > 0, got 0.0"),
+    ("bodies.0.material.creep", 1.0, "bodies[0].material: creep needs yield_strain"),
+    ("bodies.0.material.yield_strain", 0.0, "bodies[0].material.yield_strain: must be > 0, got 0.0"),
+    ("bodies.0.material.break_strain", -0.1, "bodies[0].material.break_strain: must be > 0, got -0.1"),
+    (
+        "bodies.0.shape",
+        {"kind": "shell", "radius": 1.0, "subdivisions": 2},
+        "a shell needs a 3D scene; in 2D use a ring",
+    ),
+    ("bodies.0.shape", {"kind": "ring", "radius": 1.0, "segments": 2}, "bodies[0].shape.segments: must be >= 3, got 2"),
+    ("bodies.0.shape", {"kind": "mesh", "file": ""}, "bodies[0].shape.file: must not be empty"),
+    (
+        "colliders.0",
+        {"kind": "mesh", "file": "a.obj"},
+        "colliders[0].kind: a mesh needs a 3D scene; in 2D use a polygon",
+    ),
+    (
+        "colliders.0",
+        {"kind": "polygon", "points": [[0, 0], [1, 0]]},
+        "colliders[0].points: must have at least 3 entries",
+    ),
+    ("colliders.0", {"kind": "polygon", "points": [[0, 0], [1, 0], [0, 1, 2]]}, "colliders[0].points[2]: must have 2"),
+    ("colliders.0.motion", [{"time": 1.0}, {"time": 1.0}], "colliders[0]: motion[1].time must be later than the one"),
+    ("colliders.0.motion", [{"time": 1.0, "position": [0, 0, 0]}], "colliders[0].motion[0].position: must have 2"),
+    ("colliders.0.name", "square", "colliders[0].name: 'square' is the name of an earlier body or collider too"),
+    ("attachments", [{"body": "square", "to": "x"}], "attachments[0]: give indices or region"),
+    ("wind", {"velocity": [1.0, 0.0, 0.0]}, "wind.velocity: must have 2 components in a 2D scene, got 3"),
+    ("wind", {"gust": {"strength": -1.0}}, "wind.gust.strength: must be > 0, got -1.0"),
+    (
+        "wind",
+        {"vortices": [{"center": [0, 0, 0], "speed": 1.0, "radius": 1.0}]},
+        "wind.vortices[0].center: must have 2",
+    ),
+    ("contact", {"skin": 0.0}, "contact.skin: must be > 0, got 0.0"),
+    (
+        "actions",
+        [{"kind": "pump", "body": "square", "start": 0.0, "end": 1.0, "amount": 1.0}],
+        "actions[0].body: there is no body 'square' with pressure",
+    ),
+    (
+        "actions",
+        [{"kind": "pump", "body": "square", "start": 2.0, "end": 1.0, "amount": 1.0}],
+        "actions[0]: end must be later than start",
+    ),
 ]
 
 
@@ -130,6 +179,17 @@ ASSEMBLY = [
     ("bodies.0.pin", {"region": {"min": [5, 5], "max": [6, 6]}}, "bodies[0].pin.region: holds no particle"),
     ("bodies.0.position", [1e200, 0.0], "bodies[0]: its positions are too large to compute with"),
     ("bodies.0.shape", {**CUSTOM, "springs": [[0, 1]]}, "a custom shape has no lattice; give stiffness"),
+    (
+        "bodies.0",
+        {"name": "b", "shape": {**CUSTOM, "points": [[0, 0]]}, "pressure": {"amount": 1.0}},
+        "bodies[0].pressure: the body is not closed; use a ring",
+    ),
+    ("attachments", [{"body": "box", "indices": [0], "to": "x"}], "attachments[0].to: there is no body or collider"),
+    (
+        "bodies.0.shape",
+        {"kind": "polygon", "points": [[0, 0], [1, 1], [1, 0], [0, 1]], "spacing": 0.1},
+        "bodies[0].shape: points: the outline meets itself",
+    ),
 ]
 
 
@@ -192,7 +252,8 @@ TREES = st.recursive(
 PATHS = (
     "dimension gravity duration solver solver.dt bodies bodies.0 bodies.0.shape bodies.0.shape.size "
     "bodies.0.shape.cells bodies.0.material bodies.0.rotation bodies.0.pin colliders colliders.0 "
-    "colliders.0.normal render render.camera render.size"
+    "colliders.0.normal render render.camera render.size bodies.0.pressure bodies.0.material.yield_strain wind "
+    "wind.gust attachments attachments.0 colliders.0.motion colliders.0.motion.0 actions actions.0 contact"
 ).split()
 
 
