@@ -29,9 +29,9 @@ from sandbox.state import ParticleState
 FloatArray = NDArray[np.float64]
 Memory = dict[str, FloatArray]
 
-FIRST_NEIGHBOURS = {2: 16, 3: 32}
-"""Neighbours a particle that contact first has room for, by dimension; twice as many whenever that is too few."""
 MOST_NEIGHBOURS = 4096
+"""Most neighbours of a particle that contact makes room for."""
+_MANY_PARTICLES = 200_000
 
 
 @dataclass
@@ -81,7 +81,7 @@ def build_pipeline(assembly: Assembly, scheme: SplittingScheme, serial: bool, ne
     scene = assembly.scene
     builder = runtime.fields_builder()
     state = ParticleState(builder, assembly, scheme.predicts_velocity and _sees_velocity(assembly))
-    ledger = Ledger(builder, state.count) if scene.diagnostics.ledger else None
+    ledger = Ledger(builder, state.count, state.dimension) if scene.diagnostics.ledger else None
     tears = Tears(builder, assembly.spring_count) if assembly.spring_set.tears else None
     parts = Parts(tears=[] if tears is None else [tears], ledger=[] if ledger is None else [ledger])
     loads: list[Any] = [state]
@@ -115,8 +115,18 @@ def build_pipeline(assembly: Assembly, scheme: SplittingScheme, serial: bool, ne
         parts.contact[0].load(setup)
     pinned = bool((assembly.inverse_masses == 0.0).any())
     stepper = KickDrift(scheme, state, parts, scene.drag, pinned, serial)
-    remembering = [part for part in [*parts.laws, *parts.tears] if hasattr(part, "memory")]
+    remembering = [part for part in [*parts.laws, *parts.tears, *parts.ledger] if hasattr(part, "memory")]
     return Pipeline(tree, state, parts, stepper, diagnostics, remembering)
+
+
+def first_neighbours(assembly: Assembly) -> int:
+    """Neighbours a particle that contact first has room for; twice as many whenever that is too few.
+
+    Touching balls of one size have at most 12, bodies pressed into each other several times as many.
+    """
+    if assembly.dimension == 2:
+        return 24
+    return 64 if assembly.particle_count <= _MANY_PARTICLES else 32
 
 
 def contact_setup(assembly: Assembly, neighbours: int) -> ContactSetup:

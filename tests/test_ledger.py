@@ -162,3 +162,30 @@ def test_the_ledger_changes_no_bit_of_the_motion(simulate):
         results.append(simulation.positions())
         assert (simulation.measure().work is not None) == ledger
     assert np.array_equal(*results)
+
+
+def test_books_survive_a_checkpoint_and_growing_lists_of_neighbours(simulate, tmp_path):
+    """Many points in one place overflow the first lists: the parts are built anew, and nothing is lost."""
+    rng = np.random.default_rng(1)
+    shape = {"kind": "custom", "points": (0.04 * rng.random((60, 2))).tolist(), "masses": [1.0] * 60}
+    scene = make_scene(
+        dimension=2,
+        gravity=[0.0, -9.81],
+        drag=0.5,
+        solver={"dt": 1e-3, "precision": "f64"},
+        diagnostics={"ledger": True},
+        bodies=[{"name": "points", "position": [0.0, 0.3], "radius": 0.03, "self_contact": True, "shape": shape}],
+        colliders=[{"kind": "half_space", "point": [0.0, 0.0], "normal": [0.0, 1.0]}],
+    )
+    simulation = simulate(scene)
+    roomy = simulate(scene)
+    roomy._neighbours = 256
+    roomy.suspend()
+    for one in (simulation, roomy):
+        one.advance(0.3)
+    assert np.array_equal(simulation.positions(), roomy.positions())
+    assert simulation.measure().work == roomy.measure().work
+    simulation.save(tmp_path / "half.npz")
+    resumed = type(simulation).load(tmp_path / "half.npz")
+    assert resumed.measure().work == pytest.approx(simulation.measure().work)
+    resumed.suspend()

@@ -20,6 +20,10 @@ _WATCHED = 0.499
 """Part of the skin that a particle may move; short of half by more than rounding."""
 _SPAN = 64
 """Particles that one thread lists in turn, over the same scratch."""
+_GROUPS = 2
+"""Groups of places that are always looked at together."""
+_TASK = 8
+"""Spans that a thread takes at a time."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +78,6 @@ class Neighbours:
     ----------
     listed : length of every particle's list, shape (N,)
     near : ids, from ``stride`` times the particle's on; one may come twice, shape (N * stride,)
-    work : room like that of ``near`` for who reads the lists; making them overwrites it
     moved : 1 where lists are out of date, shape (1,)
     full : 1 where a list was too short, shape (1,)
     """
@@ -82,9 +85,11 @@ class Neighbours:
     def __init__(self, builder: ti.FieldsBuilder, setup: ContactSetup, state: ParticleState) -> None:
         self.state = state
         self.count = state.count
-        self.capacity = setup.capacity
-        # A group is written behind the last entry that a list can have.
-        self.stride = -(-(setup.capacity + LANES) // LANES) * LANES
+        self.most = setup.capacity + 1
+        """How many may be found around a particle, itself among them."""
+        self.stride = self.most
+        # Groups are written behind what was found.
+        self.scratch = self.most + (_GROUPS + 1) * LANES
         self.largest = float(setup.radii.max())
         self.reach = 2.0 * self.largest + setup.skin
         self.watched = (_WATCHED * setup.skin) ** 2
@@ -95,11 +100,12 @@ class Neighbours:
         self.hash = SpatialHash(builder, self.count, state.dimension, self.reach)
         self.real, vector = runtime.real(), runtime.vector(state.dimension)
         self.lanes = ti.types.vector(LANES, self.real)
-        self.hit = place(builder, ti.types.vector(LANES, ti.i32).field(), -(-self.count // _SPAN))
+        spans = -(-self.count // _SPAN)
+        self.hit = place(builder, ti.types.vector(LANES, ti.i32).field(), spans)
+        self.found = place(builder, ti.field(ti.i32), spans * self.scratch)
         self.x = place(builder, vector.field(), self.count)
         self.listed = place(builder, ti.field(ti.i32), self.count)
         self.near = place(builder, ti.field(ti.i32), self.count * self.stride)
-        self.work = place(builder, ti.field(ti.i32), self.count * self.stride)
         self.moved = place(builder, ti.field(ti.i32), 1)
         self.full = place(builder, ti.field(ti.i32), 1)
         # Only what tells pairs apart in this scene.
@@ -170,33 +176,38 @@ class Neighbours:
         for i in range(self.count):
             self.x[i] = self.state.x[slot, i]
             self.listed[i] = 0
+        ti.loop_config(block_dim=_TASK)
         for span in range((self.hash.held() + _SPAN - 1) // _SPAN):
-            for place in range(span * _SPAN, ti.min((span + 1) * _SPAN, self.hash.held())):
-                self.list_near(span, place, slot)
+            for own in range(span * _SPAN, ti.min((span + 1) * _SPAN, self.hash.held())):
+                self.list_near(span, own, slot)
         self.moved[0] = 0
 
     @ti.func
-    def list_near(self, span, place, slot):
-        """List the neighbours of the particle at a place of the hash."""
-        i = self.hash.member[place]
-        row = i * self.stride
+    def list_near(self, span, own, slot):
+        """List the neighbours of the particle whose own place in the hash this is."""
+        i = self.hash.member[own]
         x = self.state.x[slot, i]
-        cell = self.hash.cell_of(x)
+        lowest, weight = self.hash.surroundings(x)
         found = 0
         for column in range(self.hash.columns):
-            first, end = self.hash.run(cell, column)
+            first, end = self.hash.run(lowest, weight, column)
             group = first // LANES
+            if first < end and found <= self.most:
+                # Two groups hold most runs: a loop that ends now after one and now after two is mispredicted.
+                for ahead in ti.static(range(_GROUPS)):
+                    found = self.compare(span, found, x, group + ahead, first, end)
+                group += _GROUPS
             # A full list is useless: what is left to see in a heap of thousands would only take time.
-            while group * LANES < end and found <= self.capacity:
-                found = self.compare(span, row, found, x, place, group, first, end)
+            while group * LANES < end and found <= self.most:
+                found = self.compare(span, found, x, group, first, end)
                 group += 1
-        if found > self.capacity:
+        if found > self.most:
             self.full[0] = 1
-            found = self.capacity
-        self.listed[i] = self.sift(i, row, found)
+            found = self.most
+        self.listed[i] = self.sift(i, span * self.scratch, found)
 
     @ti.func
-    def compare(self, span, row, found, x, place, group, first, end):
+    def compare(self, span, found, x, group, first, end):
         """Note the places of a group that are in a run and within reach of x; how many are noted by then.
 
         No branch: one that is taken one time in four costs more than all lanes. What is near is stored lane
@@ -210,21 +221,20 @@ class Neighbours:
                 distance[lane] += apart * apart
         for lane in ti.static(range(LANES)):
             other = group * LANES + lane
-            self.hit[span][lane] = ti.cast(
-                (distance[lane] < reach * reach) & (other >= first) & (other < end) & (other != place), ti.i32
-            )
+            self.hit[span][lane] = ti.cast((distance[lane] < reach * reach) & (other >= first) & (other < end), ti.i32)
         kept = found
         for lane in ti.static(range(LANES)):
-            self.work[row + kept] = group * LANES + lane
+            self.found[span * self.scratch + kept] = group * LANES + lane
             kept += self.hit[span][lane]
         return kept
 
     @ti.func
-    def sift(self, i, row, found):
-        """List those of the places found that may meet i; how many that are."""
+    def sift(self, i, first, found):
+        """List those of the places found that may meet i, but for i itself; how many that are."""
+        row = i * self.stride
         kept = 0
-        for entry in range(row, row + found):
-            j = self.hash.member[self.work[entry]]
+        for entry in range(first, first + found):
+            j = self.hash.member[self.found[entry]]
             self.near[row + kept] = j
-            kept += ti.cast(self.candidates(i, j), ti.i32)
+            kept += ti.cast((j != i) & self.candidates(i, j), ti.i32)
         return kept

@@ -25,7 +25,7 @@ import taichi as ti
 
 from sandbox import runtime
 from sandbox.contact.neighbours import ContactSetup, Neighbours
-from sandbox.ledger import Ledger
+from sandbox.ledger import ACROSS, ALONG, Ledger
 from sandbox.state import ParticleState, place
 
 __all__ = ["PUSH", "PUSH_ACCELERATION", "ContactSetup", "ParticleContact"]
@@ -51,7 +51,7 @@ class ParticleContact:
     Parameters
     ----------
     setup : who is who; the same goes to :meth:`load` once the tree is finalised
-    ledger : where changes of kinetic energy are booked, "contact" along and "friction" across lines of centres
+    ledger : takes the impulses along and across lines of centres, to be booked as "contact" and "friction"
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class ParticleContact:
         self.frictions = place(builder, ti.field(self.real), bodies, bodies)
         self.met = place(builder, ti.field(ti.i32), state.count)
         self.share = place(builder, ti.field(self.real), state.count)
-        self.partner = self.neighbours.work
+        self.partner = place(builder, ti.field(ti.i32), state.count * self.stride)
 
     def load(self, setup: ContactSetup) -> None:
         """Upload what tells particles and bodies apart; lists are made at the next step."""
@@ -103,7 +103,7 @@ class ParticleContact:
         return bool(self.neighbours.full[0])
 
     def resolve(self, source: int, target: int, dt: float) -> None:
-        """Contacts of the state in slot ``source``, where all have just drifted for dt [s]; the result in ``target``."""
+        """Contacts of slot ``source``, where all have just drifted for dt [s]; the new state goes to ``target``."""
         if self.neighbours.moved[0]:
             self._build(source)
         self._exchange_all(source, target, dt)
@@ -216,15 +216,19 @@ class ParticleContact:
         w = self.state.inverse_mass[i]
         v = self.state.v[source, i]
         change = w * (along + across)
+        begun = self.state.v[target, i]
         self.state.x[target, i] = self.state.x[source, i] + w * shift
         self.state.v[target, i] = v + change
         if ti.static(self.state.predicts_velocity):
             self.state.force_velocity[target, i] = self.state.force_velocity[source, i] + change
         if ti.static(self.booked):
-            if w > 0.0:
-                self.ledger.add(self.contact_term, i, along.dot(v + 0.5 * w * along))
+            if shift.dot(shift) > 0.0:
+                self.ledger.add(self.contact_term, i, along.dot(0.5 * (begun + v + change)))
+                self.ledger.add(self.friction_term, i, across.dot(0.5 * (begun + v + change)))
+            elif w > 0.0:
+                self.ledger.hand_in(ALONG, i, along)
                 if ti.static(self.rubs):
-                    self.ledger.add(self.friction_term, i, across.dot(v + w * (along + 0.5 * across)))
+                    self.ledger.hand_in(ACROSS, i, across)
 
     @ti.func
     def exchange(self, i, j, source, dt):
@@ -265,7 +269,7 @@ class ParticleContact:
 
     @ti.func
     def since_touching(self, d, v, inside):
-        """Time since a pair at d [m], relative speed v, was at its touching distance: root of |d - t v|^2 = r2 + inside."""
+        """Time since a pair at d [m], with relative velocity v, touched: root of |d - t v|^2 = d^2 + inside [s]."""
         dv, v2 = d.dot(v), v.dot(v)
         root = ti.sqrt(dv * dv + v2 * inside)
         ago = inside / ti.max(root - dv, _SLOWEST)

@@ -21,7 +21,9 @@ _LOAD = 4
 _FEWEST = 64
 _BLOCK = 1024
 """Buckets, or particles, that are summed up at a time."""
-_FINENESS = 2
+_TASK = 8
+"""Blocks that a thread takes at a time; Taichi by itself would give all of a few hundred to one thread."""
+_FINENESS = 3
 """Cells along the last axis that make up the reach: finer cells make runs fit closer, and more of them."""
 _RUN = 2 * _FINENESS + 1
 _FARTHEST = 1e9
@@ -51,9 +53,9 @@ class SpatialHash:
 
     Attributes
     ----------
-    begin : first place of every bucket, shape (size + 5,); the first buckets come again at the end
+    begin : first place of every bucket, shape (size + 7,); the first buckets come again at the end
     member : ids by place, those of a bucket ascending, shape (2 count,)
-    x : positions [m] by group of places and place in it, one field an axis, shape (2 count / LANES + 1,)
+    x : positions [m] by group of places and place in it, one field an axis, shape (2 count / LANES + 3,)
     """
 
     def __init__(self, builder: ti.FieldsBuilder, count: int, dimension: int, reach: float) -> None:
@@ -86,7 +88,7 @@ class SpatialHash:
         self.begin = place(builder, ti.field(ti.i32), self.size + _RUN)
         self.member = place(builder, ti.field(ti.i32), 2 * count)
         lanes = ti.types.vector(LANES, runtime.real())
-        self.x = [place(builder, lanes.field(), 2 * count // LANES + 1) for _ in range(dimension)]
+        self.x = [place(builder, lanes.field(), 2 * count // LANES + 3) for _ in range(dimension)]
 
     @ti.func
     def cell_of(self, x):
@@ -99,16 +101,21 @@ class SpatialHash:
         return (cell - self.corner[0]).dot(self.weight[0]) & (self.size - 1)
 
     @ti.func
-    def run(self, cell, column):
-        """First and end place of the cells around ``cell`` in one of the columns around it; columns count from 0."""
+    def surroundings(self, x):
+        """Where the runs around position x start counting, and by what from column to column: for :meth:`run`."""
+        cell = self.cell_of(x)
         lowest = cell - 1
-        if ti.static(self.dimension == 3):
-            lowest[0] += column // 3
-            lowest[1] += column % 3
-        else:
-            lowest[0] += column
         lowest[self.dimension - 1] = cell[self.dimension - 1] - _FINENESS
-        bucket = self.bucket_of(lowest)
+        weight = self.weight[0]
+        return (lowest - self.corner[0]).dot(weight), weight
+
+    @ti.func
+    def run(self, lowest, weight, column):
+        """First and end place of a column of the surroundings; columns count from 0."""
+        bucket = lowest + column * weight[0]
+        if ti.static(self.dimension == 3):
+            bucket = lowest + column // 3 * weight[0] + column % 3 * weight[1]
+        bucket = bucket & (self.size - 1)
         return self.begin[bucket], self.begin[bucket + _RUN]
 
     @ti.func
@@ -136,6 +143,7 @@ class SpatialHash:
         for i in range(self.count):
             if self.bucket[i] >= 0:
                 self.member[self.begin[self.bucket[i]] + self.rank[i]] = i
+        ti.loop_config(block_dim=_TASK)
         for block in range(self.blocks):
             for bucket in range(block * self.block, (block + 1) * self.block):
                 self.settle(bucket, x, slot)
@@ -154,6 +162,7 @@ class SpatialHash:
     @ti.func
     def number_cells(self, x: ti.template(), slot):
         """Weights that number the cells of the box around all particles, or mix those of a box too large."""
+        ti.loop_config(block_dim=_TASK)
         for span in range(self.spans):
             low, high = self.cells(_END), self.cells(-_END)
             for i in range(span * _BLOCK, ti.min((span + 1) * _BLOCK, self.count)):
@@ -185,6 +194,7 @@ class SpatialHash:
     @ti.func
     def add_up(self):
         """Where every bucket begins, from how many it holds; leaves the counters at 0 for the next time."""
+        ti.loop_config(block_dim=_TASK)
         for block in range(self.blocks):
             total = 0
             for bucket in range(block * self.block, (block + 1) * self.block):
@@ -198,11 +208,12 @@ class SpatialHash:
                 self.block_sum[block] = total
                 total += held
             self.block_sum[self.blocks] = total
+        ti.loop_config(block_dim=_TASK)
         for block in range(self.blocks):
-            place = self.block_sum[block]
+            total = self.block_sum[block]
             for bucket in range(block * self.block, (block + 1) * self.block):
-                self.begin[bucket] = place
-                place += self.filled[bucket]
+                self.begin[bucket] = total
+                total += self.filled[bucket]
                 self.filled[bucket] = 0
         ti.loop_config(serialize=True)
         for extra in range(_RUN):
@@ -212,22 +223,22 @@ class SpatialHash:
     def settle(self, bucket, x: ti.template(), slot):
         """Sort a bucket by id and copy positions; the first ones also to the end, so that no run wraps around."""
         first, end = self.begin[bucket], self.begin[bucket + 1]
-        for place in range(first + 1, end):
-            i = self.member[place]
-            below = place - 1
+        for taken in range(first + 1, end):
+            i = self.member[taken]
+            below = taken - 1
             while below >= first and self.member[below] > i:
                 self.member[below + 1] = self.member[below]
                 below -= 1
             self.member[below + 1] = i
-        for place in range(first, end):
-            self.copy(place, place, x, slot)
+        for own in range(first, end):
+            self.copy(own, own, x, slot)
             if bucket < _RUN - 1:
-                self.copy(place, place + self.begin[self.size], x, slot)
+                self.copy(own, own + self.begin[self.size], x, slot)
 
     @ti.func
-    def copy(self, place, to, x: ti.template(), slot):
-        """Repeat the particle at ``place`` at the place ``to``, with its position."""
-        i = self.member[place]
+    def copy(self, own, to, x: ti.template(), slot):
+        """Repeat the particle at its own place at the place ``to``, with its position."""
+        i = self.member[own]
         self.member[to] = i
         for axis in ti.static(range(self.dimension)):
             self.x[axis][to // LANES][to % LANES] = x[slot, i][axis]

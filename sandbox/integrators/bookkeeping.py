@@ -1,15 +1,19 @@
 """What a step enters into the energy ledger.
 
-A kick over h from v to v' changes the kinetic energy by exactly F h (v + v') / 2, so that is the work
-of each force, whatever the scheme. What potential energies do not give back of it is the scheme's own
-error, and is left over on purpose.
+All that changes a velocity from v to v' between two drifts, forces over the time of a kick and impulses
+of collisions alike, changes the kinetic energy by exactly the sum of impulse times (v + v') / 2. So
+that is the work of each, whatever the scheme. What potential energies do not give back of it is the
+scheme's own error, and is left over on purpose.
+
+A particle at rest under a load is kicked and stopped again in every step; as v = v' = 0, no work is
+booked for either, which is how it should be.
 """
 
 from typing import Any
 
 import taichi as ti
 
-from sandbox.ledger import Ledger
+from sandbox.ledger import ACROSS, ALONG, RUBBED, Ledger
 from sandbox.state import ParticleState
 
 
@@ -24,8 +28,10 @@ class Bookkeeping:
         self.dissipating = [law for law in parts.laws if hasattr(law, "dissipation_on")]
         self.terms = [ledger.index(law.dissipation_term) for law in self.dissipating]
         self.collides = bool(parts.colliders)
+        self.meets = bool(parts.contact)
         self.carries = bool(parts.carriers)
         self.drags = hasattr(kick, "rate")
+        self.contact_term, self.friction_term = ledger.index("contact"), ledger.index("friction")
         self.drag_term = ledger.index("drag")
         self.collision_term = ledger.index("collision")
         self.drive_term = ledger.index("drive")
@@ -34,22 +40,31 @@ class Bookkeeping:
     def enter(self, i, slot, force, x, v, decay, gain, dt):
         """Book the step of particle i that ended at x, v; ``force`` is all that acted on it [N]."""
         m = self.state.mass[i]
-        before = self.state.v[slot, i]
+        w = self.state.inverse_mass[i]
         start = self.state.x[slot, i]
-        inverse = self.state.inverse_mass[i]
-        kicked = self.kick.apply(before, inverse * force, decay, gain)
-        way = self.kick.duration(decay, gain) * 0.5 * (before + kicked)
-        if inverse == 0.0:
+        begun = self.state.v[slot, i]
+        kicked = self.kick.apply(begun, w * force, decay, gain)
+        duration = self.kick.duration(decay, gain)
+        before = begun
+        if ti.static(self.meets):
+            along, across = self.ledger.take(ALONG, i), self.ledger.take(ACROSS, i)
+            before = begun - w * (along + across)
+            self.ledger.add(self.contact_term, i, along.dot(0.5 * (before + v)))
+            self.ledger.add(self.friction_term, i, across.dot(0.5 * (before + v)))
+        mean = 0.5 * (before + v)
+        way = duration * mean
+        if w == 0.0:
             way = x - start
         for k in ti.static(range(len(self.dissipating))):
             self.ledger.add(self.terms[k], i, self.dissipating[k].dissipation_on(i, slot).dot(way))
-        if inverse > 0.0:
+        if w > 0.0:
             if ti.static(self.drags):
-                change = 0.5 * m * (kicked - before).dot(kicked + before)
-                self.ledger.add(self.drag_term, i, change - force.dot(way))
+                self.ledger.add(self.drag_term, i, (m * (kicked - begun) - duration * force).dot(mean))
             if ti.static(self.collides):
-                # What a collider does to the place, it does against the forces.
-                change = 0.5 * m * (v - kicked).dot(v + kicked)
-                self.ledger.add(self.collision_term, i, change - force.dot(x - start - dt * kicked))
+                rubbed = self.ledger.take(RUBBED, i)
+                self.ledger.add(self.friction_term, i, rubbed.dot(mean))
+                # What a collider does to the place beyond the velocity, it does against the forces.
+                pushed = force.dot(x - start - dt * v)
+                self.ledger.add(self.collision_term, i, (m * (v - kicked) - rubbed).dot(mean) - pushed)
         elif ti.static(self.carries):
-            self.ledger.add(self.drive_term, i, 0.5 * m * (v - before).dot(v + before) - force.dot(way))
+            self.ledger.add(self.drive_term, i, 0.5 * m * (v - begun).dot(v + begun) - force.dot(way))

@@ -44,11 +44,18 @@ class World:
         setup = self._setup(points, body, **options)
         builder = runtime.fields_builder()
         self.state = ParticleState(builder, assembly, options.get("predicts", False))
-        self.ledger = Ledger(builder, count) if options.get("booked", False) else None
+        self.ledger = Ledger(builder, count, self.dimension) if options.get("booked", False) else None
         self.contact = ParticleContact(builder, setup, self.state, self.ledger)
         self.tree = builder.finalize()
+        self.start = assembly.positions, assembly.velocities
         self.state.load(assembly)
         self.contact.load(setup)
+
+    def restart(self) -> "World":
+        """Back to the start, with everything compiled."""
+        self.state.write(*self.start)
+        self.contact.invalidate()
+        return self
 
     def _setup(self, points: np.ndarray, body: np.ndarray, **options: Any) -> ContactSetup:
         count, bodies = len(points), int(body.max()) + 1
@@ -204,19 +211,19 @@ def build(name: str, dimension: int, count: int = 160) -> World:
 # -- against all pairs ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("precision", ["f64", "f32"])
 @pytest.mark.parametrize("dimension", [2, 3])
-@pytest.mark.parametrize("name", SCENES)
-def test_lists_meet_what_all_pairs_meet(name, dimension, precision):
+@pytest.mark.parametrize(
+    ("name", "precision"), [*((name, "f64") for name in SCENES), ("plain", "f32"), ("rough", "f32")]
+)
+def test_lists_meet_what_all_pairs_meet(name, precision, dimension):
     """Bit for bit, over many steps in which the cloud flies apart and lists are made anew now and then."""
     runtime.start(precision=precision)
-    worlds = {how: build(name, dimension).step(100, 2e-3, how) for how in ("twin", "serial", "parallel", "rebuilt")}
+    world = build(name, dimension)
+    start = np.array(world.state.read())
+    twin = np.array(world.step(100, 2e-3, "twin").state.read())
+    assert not np.allclose(twin[1], start[1])
     for how in ("serial", "parallel", "rebuilt"):
-        assert np.array_equal(worlds[how].x, worlds["twin"].x), how
-        assert np.array_equal(worlds[how].v, worlds["twin"].v), how
-        assert np.array_equal(worlds[how].state.read()[2], worlds["twin"].state.read()[2]), how
-    start = build(name, dimension)
-    assert not np.allclose(worlds["serial"].v, start.v)
+        assert np.array_equal(world.restart().step(100, 2e-3, how).state.read(), twin), how
 
 
 def test_the_skin_changes_nothing():
@@ -261,22 +268,24 @@ def test_head_on(restitution):
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-@pytest.mark.parametrize("offset", [0.1, 0.5, 0.95])
-def test_oblique_deflection(offset, dimension):
+def test_oblique_deflection(dimension):
     """Equal discs, e = 1, impact parameter b: the relative velocity turns by pi - 2 asin(b / 2R)."""
     runtime.start(precision="f64")
-    points = np.zeros((2, dimension))
-    points[0, 0], points[0, -1] = -1.0, offset * 2.0 * RADIUS
-    velocities = np.zeros_like(points)
-    velocities[:, 0] = 1.0, -1.0
-    world = World(points, velocities, restitution=1.0)
+    offset = np.array([0.05, 0.3, 0.6, 0.95])
+    points, velocities = np.zeros((4, 2, dimension)), np.zeros((4, 2, dimension))
+    points[:, :, 1] = 20.0 * RADIUS * np.arange(4)[:, None]
+    points[:, 0, 0] = -1.0
+    points[:, 0, -1] += offset * 2.0 * RADIUS
+    velocities[:, 0, 0], velocities[:, 1, 0] = 1.0, -1.0
+    world = World(points.reshape(8, -1), velocities.reshape(8, -1), restitution=1.0)
     spin = world.angular_momentum()
     world.step(300, 3.1e-3)
-    turned = world.v[0] - world.v[1]
-    angle = np.arccos(turned[0] / np.linalg.norm(turned))
+    v = world.v.reshape(4, 2, -1)
+    turned = v[:, 0] - v[:, 1]
+    angle = np.arccos(turned[:, 0] / np.linalg.norm(turned, axis=1))
     assert angle == pytest.approx(np.pi - 2.0 * np.arcsin(offset), abs=1e-12)
-    assert world.kinetic() == pytest.approx(1.0, abs=1e-13)
-    assert world.angular_momentum() == pytest.approx(spin, abs=1e-14)
+    assert world.kinetic() == pytest.approx(4.0, abs=1e-13)
+    assert world.angular_momentum() == pytest.approx(spin, abs=1e-13)
 
 
 @pytest.mark.parametrize("way", [0.3, 0.9, 1.7])
@@ -284,12 +293,13 @@ def test_fast_pairs_bounce_the_right_way(way):
     """Up to 2 (r_i + r_j) of way a step, wherever in it they touch."""
     runtime.start(precision="f64")
     dt = 1e-3
-    for start in np.linspace(1.01, 1.0 + way, 20):
-        points = np.array([[0.0, 0.0], [start * 2.0 * RADIUS, 0.0]])
-        velocities = np.array([[way * 2.0 * RADIUS / dt, 0.0], [0.0, 0.0]])
-        world = World(points, velocities, restitution=1.0).step(5, dt)
-        assert world.v[:, 0] == pytest.approx([0.0, way * 2.0 * RADIUS / dt], rel=1e-12)
-        world.tree.destroy()
+    starts = np.linspace(1.01, 1.0 + way, 20)
+    points, velocities = np.zeros((20, 2, 2)), np.zeros((20, 2, 2))
+    points[:, :, 1] = 10.0 * RADIUS * np.arange(20)[:, None]
+    points[:, 1, 0] = 2.0 * RADIUS * starts
+    velocities[:, 0, 0] = way * 2.0 * RADIUS / dt
+    world = World(points.reshape(-1, 2), velocities.reshape(-1, 2), restitution=1.0).step(5, dt)
+    assert world.v == pytest.approx(velocities[:, ::-1].reshape(-1, 2), rel=1e-12)
 
 
 def test_friction_stops_sliding_but_no_more():
@@ -307,8 +317,7 @@ def test_friction_stops_sliding_but_no_more():
 
 def test_pinned_particles_are_met_and_stay():
     runtime.start(precision="f64")
-    points = np.array([[0.0, 0.0], [0.3, 0.0], [0.35, 0.0]])
-    velocities = np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
+    points, velocities = np.array([[0.0, 0.0], [0.3, 0.0], [0.35, 0.0]]), np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
     world = World(points, velocities, pinned=[False, True, True], restitution=1.0).step(500, 1e-3)
     assert world.v[:, 0] == pytest.approx([-1.0, 0.0, 0.0], abs=1e-13)
     assert np.array_equal(world.x[1:], points[1:])
@@ -359,8 +368,7 @@ def test_the_ledger_tells_where_energy_went():
     points = lattice(3, 5)
     world = World(points, rng.normal(size=points.shape), friction=0.3, booked=True)
     first = world.kinetic()
-    world.step(300, 1e-3)
-    work = world.ledger.totals()
+    work = world.step(300, 1e-3).ledger.totals()
     assert work["friction"] < -0.01 * first
     assert first + work["contact"] + work["friction"] == pytest.approx(world.kinetic(), rel=1e-12)
 
@@ -381,14 +389,12 @@ def test_a_stack_of_ten_comes_to_rest(restitution):
     world.step(100, dt)
     assert np.abs(world.x - before).max() < 1e-6 * RADIUS
     overlap = 2.0 * RADIUS - np.diff(world.x[:, 1])
-    assert (overlap > 0.0).all() and overlap.max() < 0.015 * 2.0 * RADIUS
-    assert np.abs(world.x[:, 0]).max() == 0.0
+    assert (overlap > 0.0).all() and overlap.max() < 0.015 * 2.0 * RADIUS and not world.x[:, 0].any()
 
 
 def test_an_overlap_parts_to_rest():
     """Two particles that start within each other end side by side, not apart."""
     runtime.start(precision="f64")
-    points = np.array([[0.0, 0.0], [1.6 * RADIUS, 0.0]])
-    world = World(points, np.zeros_like(points)).step(400, 1e-3)
+    world = World(np.array([[0.0, 0.0], [1.6 * RADIUS, 0.0]]), np.zeros((2, 2))).step(400, 1e-3)
     assert np.diff(world.x[:, 0]) == pytest.approx(2.0 * RADIUS, rel=1e-3)
     assert np.abs(world.v).max() < 1e-6

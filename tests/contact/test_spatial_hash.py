@@ -46,8 +46,9 @@ class Cloud:
     def walk(self, near: ti.types.ndarray()):
         for i in range(self.count):
             if self.hash.bucket[i] >= 0:
+                lowest, weight = self.hash.surroundings(self.x[0, i])
                 for column in range(self.hash.columns):
-                    first, end = self.hash.run(self.hash.cell_of(self.x[0, i]), column)
+                    first, end = self.hash.run(lowest, weight, column)
                     for other in range(first, end):
                         apart = -self.x[0, i]
                         for axis in ti.static(range(self.dimension)):
@@ -126,5 +127,5 @@ def test_particles_at_no_place_stay_out(precision):
     points[7], points[8, 1], points[9, 0] = np.nan, np.inf, -1e30
     cloud = Cloud(points, np.full(60, 0.05))
     cloud.build()
-    begin, member = cloud.table()
+    _, member = cloud.table()
     assert sorted(member) == [i for i in range(60) if i not in (7, 8, 9)]

@@ -6,6 +6,7 @@ import numpy as np
 import taichi as ti
 
 from sandbox import runtime
+from sandbox.ledger import RUBBED
 from sandbox.scene.assemble import Assembly
 from sandbox.state import ParticleState, place
 
@@ -153,8 +154,8 @@ class SolidCollider:
 
     A kind gives ``entry`` and ``signed_distance``, for solid ``c`` of its ``count``.
 
-    With ``booked`` set and a ``ledger`` given before kernels compile, what friction takes is booked as
-    "friction", and taken off "collision", under which the step books all that colliders do.
+    With ``booked`` set and a ``ledger`` given before kernels compile, the ledger takes the impulses of friction,
+    which the step books apart from all else that colliders do.
     """
 
     booked = False
@@ -215,9 +216,7 @@ class SolidCollider:
         if ti.static(self.surface.rough):
             after = bounced - self.surface.rub(i, relative, normal)
             if ti.static(self.booked):
-                work = 0.5 * self.state.mass[i] * (after - bounced).dot(after + bounced)
-                self.ledger.add(ti.static(self.ledger.index("friction")), i, work)
-                self.ledger.add(ti.static(self.ledger.index("collision")), i, -work)
+                self.ledger.hand_in(RUBBED, i, self.state.mass[i] * (after - bounced))
         return after
 
     def entry(self, c, start, end, radius):
