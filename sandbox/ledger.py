@@ -21,10 +21,10 @@ contact; restitution of particles among themselves; plastic flow; torn springs; 
 moves carried particles."""
 
 
-RUBBED, ALONG, ACROSS = 0, 1, 2
-"""Impulses that wait for the step to book them: friction of colliders; contact of particles along and across
-their lines of centres."""
-_KINDS = 3
+RUBBED, ALONG, ACROSS, MOVED = 0, 1, 2, 3
+"""What waits for the step to book it: impulses of friction with colliders, of contact of particles along and across
+their lines of centres [N s]; and the way that colliders moved a particle beyond its velocity [m]."""
+_KINDS = 4
 
 
 @ti.data_oriented
@@ -88,12 +88,12 @@ class Ledger:
 
     @ti.func
     def hand_in(self, kind, i, impulse):
-        """Remember an impulse on particle i [N s] until its step is booked."""
+        """Remember an impulse on particle i [N s], or a way [m], until its step is booked."""
         self.impulses[kind, i] = self.impulses[kind, i] + impulse
 
     @ti.func
     def take(self, kind, i):
-        """The impulses on particle i since the last booking [N s]."""
+        """What was handed in for particle i since the last booking."""
         impulse = self.impulses[kind, i]
         self.impulses[kind, i] = 0.0 * impulse
         return impulse

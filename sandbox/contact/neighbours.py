@@ -1,8 +1,8 @@
 """Who may touch whom soon: a list of near particles for each, kept until something has moved far enough.
 
 Lists hold all candidates closer than touching plus a skin (Verlet, Phys. Rev. 159, 98 (1967)). As long as
-no particle has moved by more than half the skin, no pair that touches is missing from them. Their
-order is the grid's: who sums over them sorts what touches by id, and then nothing tells when they were made.
+no particle has moved by more than half the skin, no pair that touches is missing from them. They are
+in order of ids: who skips what does not touch, and what comes twice, never sees when they were made.
 """
 
 from dataclasses import dataclass
@@ -77,7 +77,7 @@ class Neighbours:
     Attributes
     ----------
     listed : length of every particle's list, shape (N,)
-    near : ids, from ``stride`` times the particle's on; one may come twice, shape (N * stride,)
+    near : ids, ascending, from ``stride`` times the particle's on; one may come twice, shape (N * stride,)
     moved : 1 where lists are out of date, shape (1,)
     full : 1 where a list was too short, shape (1,)
     """
@@ -230,11 +230,16 @@ class Neighbours:
 
     @ti.func
     def sift(self, i, first, found):
-        """List those of the places found that may meet i, but for i itself; how many that are."""
+        """List those of the places found that may meet i by id, but for i itself; how many that are."""
         row = i * self.stride
         kept = 0
         for entry in range(first, first + found):
             j = self.hash.member[self.found[entry]]
-            self.near[row + kept] = j
-            kept += ti.cast((j != i) & self.candidates(i, j), ti.i32)
+            if (j != i) & self.candidates(i, j):
+                below = row + kept - 1
+                while below >= row and self.near[below] > j:
+                    self.near[below + 1] = self.near[below]
+                    below -= 1
+                self.near[below + 1] = j
+                kept += 1
         return kept

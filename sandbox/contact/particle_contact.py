@@ -137,7 +137,7 @@ class ParticleContact:
 
     @ti.func
     def find(self, i, source, dt):
-        """Note the partners of particle i: who touches it and takes part."""
+        """Note the partners of particle i by id, once each: who touches it and takes part."""
         row = i * self.stride
         x = self.state.x[source, i]
         touches = 0
@@ -148,36 +148,19 @@ class ParticleContact:
             # Written always, kept by counting on: a branch would be taken half the time.
             self.partner[row + touches] = j
             touches += ti.cast(d.dot(d) < touching * touching, ti.i32)
-        met = 0
+        met, before = 0, -1
         for entry in range(row, row + touches):
             j = self.partner[entry]
             self.partner[row + met] = j
-            met += ti.cast(self.takes_part(i, j, source, dt), ti.i32)
-        self.note(i, self.order(row, met))
+            met += ti.cast(self.takes_part(i, j, source, dt) & (j != before), ti.i32)
+            before = j
+        self.note(i, met)
 
     @ti.func
     def note(self, i, met):
         """Particle i has so many partners."""
         self.met[i] = met
         self.share[i] = met * self.state.inverse_mass[i]
-
-    @ti.func
-    def order(self, row, met):
-        """Sort the partners of a row by id, and drop doubles; how many are left."""
-        kept = ti.min(met, 1)
-        for entry in range(row + 1, row + met):
-            j = self.partner[entry]
-            below = row + kept - 1
-            while below >= row and self.partner[below] > j:
-                below -= 1
-            if below < row or self.partner[below] != j:
-                above = row + kept
-                while above > below + 1:
-                    self.partner[above] = self.partner[above - 1]
-                    above -= 1
-                self.partner[above] = j
-                kept += 1
-        return kept
 
     @ti.func
     def takes_part(self, i, j, source, dt):

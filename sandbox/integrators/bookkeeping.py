@@ -13,7 +13,7 @@ from typing import Any
 
 import taichi as ti
 
-from sandbox.ledger import ACROSS, ALONG, RUBBED, Ledger
+from sandbox.ledger import ACROSS, ALONG, MOVED, RUBBED, Ledger
 from sandbox.state import ParticleState
 
 
@@ -55,16 +55,23 @@ class Bookkeeping:
         way = duration * mean
         if w == 0.0:
             way = x - start
+        conservative = force
         for k in ti.static(range(len(self.dissipating))):
-            self.ledger.add(self.terms[k], i, self.dissipating[k].dissipation_on(i, slot).dot(way))
+            lossy = self.dissipating[k].dissipation_on(i, slot)
+            conservative -= lossy
+            self.ledger.add(self.terms[k], i, lossy.dot(way))
         if w > 0.0:
             if ti.static(self.drags):
                 self.ledger.add(self.drag_term, i, (m * (kicked - begun) - duration * force).dot(mean))
             if ti.static(self.collides):
                 rubbed = self.ledger.take(RUBBED, i)
                 self.ledger.add(self.friction_term, i, rubbed.dot(mean))
-                # What a collider does to the place beyond the velocity, it does against the forces.
-                pushed = force.dot(x - start - dt * v)
+                # What a collider does to the place beyond the velocity, it does against the forces: half against
+                # those before, half against those after.
+                pushed = 0.0 * w
+                if dt > 0.0:
+                    pushed = 0.5 * conservative.dot(x - start - dt * v + self.ledger.take(MOVED, i))
+                    self.ledger.hand_in(MOVED, i, x - start - dt * v)
                 self.ledger.add(self.collision_term, i, (m * (v - kicked) - rubbed).dot(mean) - pushed)
         elif ti.static(self.carries):
             self.ledger.add(self.drive_term, i, 0.5 * m * (v - begun).dot(v + begun) - force.dot(way))

@@ -37,7 +37,7 @@ class Tearing:
             rows = np.full((sum(count for _, count in groups), 3), -1, dtype=np.int32)
             first = 0
             for springs, count in groups:
-                if springs is not None:
+                if springs is not None and count:
                     springs = springs.reshape(count, -1)
                     rows[first : first + count, : springs.shape[1]] = springs
                 first += count

@@ -139,7 +139,7 @@ WRONG = [
     ("colliders.0", {"kind": "polygon", "points": [[0, 0], [1, 0], [0, 1, 2]]}, "colliders[0].points[2]: must have 2"),
     ("colliders.0.motion", [{"time": 1.0}, {"time": 1.0}], "colliders[0]: motion[1].time must be later than the one"),
     ("colliders.0.motion", [{"time": 1.0, "position": [0, 0, 0]}], "colliders[0].motion[0].position: must have 2"),
-    ("colliders.0.name", "square", "colliders[0].name: 'square' is the name of an earlier body or collider too"),
+    ("colliders.0.name", "box", "colliders[0].name: 'box' is the name of an earlier body or collider too"),
     ("attachments", [{"body": "square", "to": "x"}], "attachments[0]: give indices or region"),
     ("wind", {"velocity": [1.0, 0.0, 0.0]}, "wind.velocity: must have 2 components in a 2D scene, got 3"),
     ("wind", {"gust": {"strength": -1.0}}, "wind.gust.strength: must be > 0, got -1.0"),
