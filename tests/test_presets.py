@@ -1,12 +1,19 @@
-"""Every preset runs headless and ends as its description says."""
+"""Every preset runs headless and ends as its description says.
+
+A check gets the simulation at its end, the measurement of every picture, and the positions of every
+picture in the scene's order.
+"""
 
 import numpy as np
 import pytest
 
 from sandbox import Simulation, load_scene, preset_paths
+from sandbox.balance import EnergyBalance
+from tests.presets.checks_a import CHECKS_A
+from tests.presets.checks_b import CHECKS_B
 
 
-def jelly_rests_on_the_ground(simulation: Simulation, history: list) -> None:
+def jelly_rests_on_the_ground(simulation: Simulation, history: list, snapshots: list) -> None:
     heights = simulation.positions()[:, 1]
     assert heights.min() > -1e-5
     assert 0.9 < heights.max() < 1.05  # it is back to a cube of 1 m, lying on a face
@@ -14,7 +21,7 @@ def jelly_rests_on_the_ground(simulation: Simulation, history: list) -> None:
     assert max(measured.max_strain for measured in history) > 0.1  # and was well squashed on the way
 
 
-def rope_hangs_from_its_pin(simulation: Simulation, history: list) -> None:
+def rope_hangs_from_its_pin(simulation: Simulation, history: list, snapshots: list) -> None:
     positions = simulation.positions()
     assert np.allclose(positions[0], [-0.55, 1.95, 0.0], atol=1e-6)
     assert simulation.measure().max_penetration < 1e-4
@@ -22,7 +29,7 @@ def rope_hangs_from_its_pin(simulation: Simulation, history: list) -> None:
     assert positions[1:, 1].max() < 2.05
 
 
-def boxes_lie_on_the_ground(simulation: Simulation, history: list) -> None:
+def boxes_lie_on_the_ground(simulation: Simulation, history: list, snapshots: list) -> None:
     assert simulation.measure().max_penetration < 1e-4
     assert simulation.positions()[:, 1].min() < 1e-3
     # Each body is in one piece: its area is what it was within a tenth.
@@ -40,6 +47,8 @@ CHECKS = {
     "jelly": jelly_rests_on_the_ground,
     "rope": rope_hangs_from_its_pin,
     "drop_2d": boxes_lie_on_the_ground,
+    **CHECKS_A,
+    **CHECKS_B,
 }
 
 
@@ -47,13 +56,19 @@ def test_every_preset_has_a_check():
     assert set(CHECKS) == set(preset_paths())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(CHECKS))
-def test_preset_ends_well(name):
-    scene = load_scene(name)
+def test_preset_ends_well_and_its_ledger_closes(name):
+    # The ledger changes no bit of the motion (tests/test_ledger.py), so one run serves both.
+    scene = load_scene(name, overrides={"diagnostics.ledger": True})
     with Simulation(scene) as simulation:
         assert simulation.dt < simulation.initial_stable_dt
-        history = []
+        balance = EnergyBalance(simulation.measure())
+        history, snapshots = [], []
         while simulation.time < scene.duration - 1e-9:
             simulation.step_frame()
             history.append(simulation.measure())
-        CHECKS[name](simulation, history)
+            snapshots.append(simulation.positions())
+            balance.add(history[-1])
+        CHECKS[name](simulation, history, snapshots)
+        assert abs(balance.unexplained) < 0.01 * balance.moved
