@@ -47,7 +47,7 @@ class Measurement:
     max_speed: float
     """Largest particle speed [m/s]."""
     max_penetration: float
-    """Deepest that a particle is inside a collider [m]; 0 if none is."""
+    """Deepest that a free particle is inside a collider [m]; 0 if none is."""
     finite: bool
     """False if any coordinate or velocity is infinite or not a number."""
     torn: int = 0
@@ -131,8 +131,10 @@ class Diagnostics:
         for law in ti.static(self.strained):
             self._largest(block, self.sums, law.strain_on(i, slot))
         self._largest(block, self.sums + 1, ti.sqrt(speed2))
-        for collider in ti.static(self.colliders):
-            self._largest(block, self.sums + 2, collider.depth(i, x))
+        if ti.static(self.colliders):
+            if self.state.inverse_mass[i] > 0.0:  # a held particle may be where it likes
+                for collider in ti.static(self.colliders):
+                    self._largest(block, self.sums + 2, collider.depth(i, x))
         for axis in ti.static(range(self.state.dimension)):
             if self._is_bad(x[axis]) or self._is_bad(v[axis]):
                 self.table[block, self.sums + 3] = 1.0

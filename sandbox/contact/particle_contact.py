@@ -32,7 +32,7 @@ __all__ = ["PUSH", "PUSH_ACCELERATION", "ContactSetup", "ParticleContact"]
 
 PUSH = 0.25
 """Part of an overlap that a step pushes apart [1]."""
-PUSH_ACCELERATION = 2000.0
+PUSH_ACCELERATION = 20000.0
 """Most speed of parting that a push gives, for each second of a step [m/s^2]; a pair bears a quarter of it."""
 _RELEASE = 1.02 / (1.0 - PUSH)
 """A pair that parts faster than so many times its push was not pushed, and leaves freely [1]."""

@@ -122,6 +122,8 @@ def _springs(
     material = Material(break_strain=attachment.break_strain)
     count = len(ends)
     lengths = np.linalg.norm(positions[ends[:, 1]] - positions[ends[:, 0]], axis=1)
+    # Particles at one place but for rounding are at one place.
+    lengths[lengths <= 1e-12 * np.abs(positions).max()] = 0.0
     joined = SpringSet.of_body(
         material, ends.astype(np.int32), lengths, np.full(count, stiffness), np.full(count, attachment.damping)
     )
