@@ -77,7 +77,9 @@ class Simulation:
         self._neighbours = first_neighbours(self.assembly)
         self._measurement: Measurement | None = None
         self._check_start()
-        self.initial_stable_dt = self._stable_dt(self.assembly.positions)
+        self.initial_stable_dt = stability.stable_step(
+            self._network, self.assembly.positions, self.scheme.damping_weight
+        )
         """Stability limit of the scheme in the shape that the scene starts with [s]."""
         self.dt = self._choose_dt(self.initial_stable_dt)
         """Longest step that is taken [s]; every call divides its time into equal steps of at most this."""
@@ -259,9 +261,6 @@ class Simulation:
         memory = self._asleep_memory if self._pipeline is None else self._pipeline.memory()
         network = network_of(self.assembly, memory)
         return stability.stable_step(network, self._read()[0], self.scheme.damping_weight)
-
-    def _stable_dt(self, positions: FloatArray) -> float:
-        return stability.stable_step(self._network, positions, self.scheme.damping_weight)
 
     def _choose_dt(self, limit: float) -> float:
         wanted = self.scene.solver.dt

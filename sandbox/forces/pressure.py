@@ -9,7 +9,8 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from sandbox import runtime
-from sandbox.forces.faces import divide, incident_faces
+from sandbox.forces.face_fields import FaceFields
+from sandbox.forces.faces import divide
 from sandbox.forces.gas import GasAmounts
 from sandbox.forces.tears import Tears
 from sandbox.ledger import Ledger
@@ -42,7 +43,6 @@ class Pressure:
         ledger: Ledger | None,
     ) -> None:
         self.state = state
-        self.tears = tears
         self.ledger = ledger
         self.amounts_of = GasAmounts(builder, assembly.gases)
         self.gases = self.amounts_of.gases
@@ -50,7 +50,7 @@ class Pressure:
         self.vector = runtime.vector(state.dimension)
         self.real = runtime.real()
         self.fine = self.amounts_of.fine
-        self.rows = incident_faces(assembly.gas_faces.faces, state.count)
+        self.faces = FaceFields(builder, assembly.gas_faces, state, tears)
         bodies = [gas.body for gas in self.gases]
         self.face_gas = np.searchsorted(bodies, assembly.gas_faces.body).astype(np.int32)
         self.blocks = divide(self.face_gas, self.count, _BLOCK)
@@ -60,16 +60,12 @@ class Pressure:
         self.flows = self.amounts_of.leaks or self.amounts_of.pumped or self.tearing
         self.booked = ledger is not None
         self.flow_term = 0 if ledger is None else ledger.index("gas_flow")
-        self._place(builder, len(assembly.gas_faces.faces), assembly.gas_faces.springs.shape[1])
+        self._place(builder)
 
-    def _place(self, builder: ti.FieldsBuilder, face_count: int, edge_count: int) -> None:
-        entries = len(self.rows.face)
-        self.row = place(builder, ti.field(ti.i32), self.state.count + 1)
-        self.entry_face = place(builder, ti.field(ti.i32), entries)
+    def _place(self, builder: ti.FieldsBuilder) -> None:
         self.gas = place(builder, ti.field(ti.i32), self.state.count)
         """Gas that presses on a particle, -1 if none."""
-        self.face = place(builder, ti.Vector.field(self.state.dimension, ti.i32), face_count)
-        self.share = place(builder, self.vector.field(), face_count)
+        self.share = place(builder, self.vector.field(), self.faces.count)
         """Part of a face's outward area vector that each corner takes [m^2], shape (F,)."""
         self.block_first = place(builder, ti.field(ti.i32), self.prepare_count + 1)
         self.block_row = place(builder, ti.field(ti.i32), self.count + 1)
@@ -81,10 +77,8 @@ class Pressure:
         """p - p0 that presses [Pa], shape (G,)."""
         self.inverted = place(builder, ti.field(ti.i32), self.count)
         """1 where a body was inside out since the last look."""
-        self.edge_count = edge_count
         if self.tearing:
-            self.face_spring = place(builder, ti.Vector.field(edge_count, ti.i32), face_count)
-            self.hole = place(builder, ti.field(ti.i32), face_count)
+            self.hole = place(builder, ti.field(ti.i32), self.faces.count)
             """1 where a face has a torn edge."""
             self.block_hole = place(builder, ti.field(self.fine), self.prepare_count)
 
@@ -93,11 +87,10 @@ class Pressure:
         faces, blocks = assembly.gas_faces, self.blocks
         gas = np.full(self.state.count, -1, dtype=np.int32)
         gas[faces.faces] = self.face_gas[:, None]
-        self._write_rows(self.rows.row, self.rows.face, gas)
+        self.faces.load()
         block_gas = np.repeat(np.arange(self.count, dtype=np.int32), np.diff(blocks.row))
-        self._write_faces(np.ascontiguousarray(faces.faces), np.ascontiguousarray(faces.springs))
         reference = faces.faces[blocks.first[blocks.row[:-1]], 0]
-        self._write_blocks(blocks.first, blocks.row, block_gas, np.ascontiguousarray(reference))
+        self._write(gas, blocks.first, blocks.row, block_gas, np.ascontiguousarray(reference))
         self.amounts_of.load()
 
     # -- the pass before the forces -----------------------------------------------------------------
@@ -112,7 +105,7 @@ class Pressure:
             self.share[f] = ti.cast(area / self.state.dimension, self.real)
             volume += (start - origin).dot(area)
             if ti.static(self.tearing):
-                self.hole[f] = self._is_torn(f)
+                self.hole[f] = self.faces.is_torn(f)
                 if self.hole[f] == 1:
                     open_area += area.norm()
         self.block_volume[k] = volume / self.state.dimension
@@ -161,7 +154,7 @@ class Pressure:
     @ti.func
     def _face_at(self, f, slot):
         """First corner of a face [m], and its area vector [m^2] that looks out."""
-        corners = self.face[f]
+        corners = self.faces.corners[f]
         a = ti.cast(self.state.x[slot, corners[0]], self.fine)
         side = ti.cast(self.state.x[slot, corners[1]], self.fine) - a
         area = side
@@ -171,22 +164,12 @@ class Pressure:
             area = 0.5 * side.cross(ti.cast(self.state.x[slot, corners[2]], self.fine) - a)
         return a, area
 
-    @ti.func
-    def _is_torn(self, f) -> ti.i32:
-        torn = 0
-        for edge in ti.static(range(self.edge_count)):
-            s = self.face_spring[f][edge]
-            if s >= 0:
-                if self.tears.torn[s] != 0:
-                    torn = 1
-        return torn
-
     # -- force and energy ---------------------------------------------------------------------------
 
     @ti.func
     def force_on(self, i, slot):
         force = self.vector(0.0)
-        if self.row[i] < self.row[i + 1]:
+        if self.gas[i] >= 0:
             force = self.gauge[self.gas[i]] * self._area_on(i, 0)
         return force
 
@@ -195,7 +178,7 @@ class Pressure:
         """What the force lacks of the energy's gradient: the share of holes [N]."""
         force = self.vector(0.0)
         if ti.static(self.tearing):
-            if self.row[i] < self.row[i + 1]:
+            if self.gas[i] >= 0:
                 force = -self.gauge[self.gas[i]] * self._area_on(i, 1)
         return force
 
@@ -203,8 +186,8 @@ class Pressure:
     def _area_on(self, i, hole):
         """Particle i's share of the area vectors of its faces [m^2]: of whole ones, or with ``hole`` 1 of holes."""
         area = self.vector(0.0)
-        for h in range(self.row[i], self.row[i + 1]):
-            f = self.entry_face[h]
+        for h in range(self.faces.row[i], self.faces.row[i + 1]):
+            f = self.faces.entry[h]
             if ti.static(self.tearing):
                 area += self.share[f] * ti.select(self.hole[f] == hole, 1.0, 0.0)
             else:
@@ -287,35 +270,20 @@ class Pressure:
             self.inverted[g] = 0
 
     @ti.kernel
-    def _write_rows(self, row: ti.types.ndarray(), face: ti.types.ndarray(), gas: ti.types.ndarray()):
-        for i in range(row.shape[0]):
-            self.row[i] = row[i]
-        for h in range(face.shape[0]):
-            self.entry_face[h] = face[h]
-        for i in range(gas.shape[0]):
-            self.gas[i] = gas[i]
-
-    @ti.kernel
-    def _write_faces(self, face: ti.types.ndarray(), spring: ti.types.ndarray()):
-        for f in range(face.shape[0]):
-            for corner in ti.static(range(self.state.dimension)):
-                self.face[f][corner] = face[f, corner]
-            if ti.static(self.tearing):
-                for edge in ti.static(range(self.edge_count)):
-                    self.face_spring[f][edge] = spring[f, edge]
-
-    @ti.kernel
-    def _write_blocks(
+    def _write(
         self,
+        gas: ti.types.ndarray(),
         first: ti.types.ndarray(),
         row: ti.types.ndarray(),
-        gas: ti.types.ndarray(),
+        block_gas: ti.types.ndarray(),
         reference: ti.types.ndarray(),
     ):
+        for i in range(gas.shape[0]):
+            self.gas[i] = gas[i]
         for k in range(first.shape[0]):
             self.block_first[k] = first[k]
-        for k in range(gas.shape[0]):
-            self.block_gas[k] = gas[k]
+        for k in range(block_gas.shape[0]):
+            self.block_gas[k] = block_gas[k]
         for g in range(row.shape[0]):
             self.block_row[g] = row[g]
         for g in range(reference.shape[0]):

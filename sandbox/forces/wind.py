@@ -12,7 +12,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from sandbox import runtime
-from sandbox.forces.faces import incident_faces
+from sandbox.forces.face_fields import FaceFields
 from sandbox.forces.tears import Tears
 from sandbox.ledger import Ledger
 from sandbox.scene.assemble import Assembly
@@ -83,7 +83,6 @@ class WindForce:
         assert isinstance(wind, Wind)
         dimension = state.dimension
         self.state = state
-        self.tears = tears
         self.tearing = tears is not None
         self.vector = runtime.vector(dimension)
         self.uniform = np.zeros(dimension) if wind.velocity is None else np.array(wind.velocity)
@@ -100,21 +99,15 @@ class WindForce:
         self.vortices = wind.vortices
         self.vortex_count = len(wind.vortices)
         self.turning = self.vortex_count > 0
-        self.rows = incident_faces(assembly.wind_faces.faces, state.count)
-        self.prepare_count = len(assembly.wind_faces.faces)
+        self.faces = FaceFields(builder, assembly.wind_faces, state, tears)
+        self.prepare_count = self.faces.count
         """Faces, each handled by one call of :meth:`prepare_at`."""
-        self._place(builder, assembly.wind_faces.springs.shape[1])
+        self._place(builder)
 
-    def _place(self, builder: ti.FieldsBuilder, edge_count: int) -> None:
+    def _place(self, builder: ti.FieldsBuilder) -> None:
         real, dimension = runtime.real(), self.state.dimension
-        self.row = place(builder, ti.field(ti.i32), self.state.count + 1)
-        self.entry_face = place(builder, ti.field(ti.i32), len(self.rows.face))
-        self.face = place(builder, ti.Vector.field(dimension, ti.i32), self.prepare_count)
         self.face_force = place(builder, self.vector.field(), self.prepare_count)
         """What every corner of a face feels [N], shape (F,)."""
-        self.edge_count = edge_count
-        if self.tearing:
-            self.face_spring = place(builder, ti.Vector.field(edge_count, ti.i32), self.prepare_count)
         if self.gusty:
             # Wave vector, rate, phase and amplitude by row: consecutive waves are consecutive in memory.
             self.wave = place(builder, ti.field(real), 2 * dimension + 2, len(self.waves.rate))
@@ -127,10 +120,7 @@ class WindForce:
 
     def load(self, assembly: Assembly) -> None:
         """Upload faces, waves and vortices."""
-        faces = assembly.wind_faces
-        self._write_faces(
-            self.rows.row, self.rows.face, np.ascontiguousarray(faces.faces), np.ascontiguousarray(faces.springs)
-        )
+        self.faces.load()
         if self.waves is not None:
             waves = self.waves
             table = np.concatenate([waves.vector.T, waves.rate[None], waves.phase[None], waves.amplitude.T])
@@ -222,11 +212,8 @@ class WindForce:
         """Force of the air on face k."""
         force = self._force_on_face(k, slot, time)
         if ti.static(self.tearing):
-            for edge in ti.static(range(self.edge_count)):
-                s = self.face_spring[k][edge]
-                if s >= 0:
-                    if self.tears.torn[s] != 0:
-                        force = self.vector(0.0)
+            if self.faces.is_torn(k) == 1:
+                force = self.vector(0.0)
         self.face_force[k] = force / self.state.dimension
 
     @ti.func
@@ -235,7 +222,7 @@ class WindForce:
 
     @ti.func
     def _force_on_face(self, k, slot, time):
-        corners = self.face[k]
+        corners = self.faces.corners[k]
         a = self.state.x[slot, corners[0]]
         b = self.state.x[slot, corners[1]]
         centre = a + b
@@ -259,8 +246,8 @@ class WindForce:
     @ti.func
     def force_on(self, i, slot):
         force = self.vector(0.0)
-        for h in range(self.row[i], self.row[i + 1]):
-            force += self.face_force[self.entry_face[h]]
+        for h in range(self.faces.row[i], self.faces.row[i + 1]):
+            force += self.face_force[self.faces.entry[h]]
         return force
 
     @ti.func
@@ -269,21 +256,6 @@ class WindForce:
         return self.force_on(i, slot)
 
     # -- to fields ----------------------------------------------------------------------------------
-
-    @ti.kernel
-    def _write_faces(
-        self, row: ti.types.ndarray(), entry: ti.types.ndarray(), face: ti.types.ndarray(), spring: ti.types.ndarray()
-    ):
-        for i in range(row.shape[0]):
-            self.row[i] = row[i]
-        for h in range(entry.shape[0]):
-            self.entry_face[h] = entry[h]
-        for f in range(face.shape[0]):
-            for corner in ti.static(range(self.state.dimension)):
-                self.face[f][corner] = face[f, corner]
-            if ti.static(self.tearing):
-                for edge in ti.static(range(self.edge_count)):
-                    self.face_spring[f][edge] = spring[f, edge]
 
     @ti.kernel
     def _write_waves(self, table: ti.types.ndarray()):

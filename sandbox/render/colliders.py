@@ -28,11 +28,9 @@ def collider_rows(colliders: Sequence[Collider], bounds: FloatArray) -> NDArray[
     rows = np.zeros((len(colliders), ROW), dtype=np.float32)
     extent = float(np.max(bounds[1] - bounds[0])) or 1.0
     for row, collider in zip(rows, colliders, strict=True):
-        tint = np.array(COLLIDER)
         match collider:
             case HalfSpace():
                 normal = np.array(collider.normal) / np.linalg.norm(collider.normal)
-                tint = np.array(GROUND)
                 row[KIND] = PLANE if is_ground(normal) else WALL
                 row[POINT : POINT + 3] = collider.point
                 row[SHAPE : SHAPE + 3] = normal
@@ -54,9 +52,7 @@ def collider_rows(colliders: Sequence[Collider], bounds: FloatArray) -> NDArray[
                 row[POINT : POINT + 3] = place + turn @ collider.start
                 row[SHAPE] = collider.radius
                 row[AXES : AXES + 3] = place + turn @ collider.end
-        if collider.color is not None:
-            tint = palette.to_linear(palette.from_hex(collider.color))
-        row[TINT : TINT + 3] = tint
+        row[TINT : TINT + 3] = palette.tint(collider.color, GROUND if isinstance(collider, HalfSpace) else COLLIDER)
     return rows
 
 

@@ -61,10 +61,7 @@ def collider_rows(colliders: Sequence[Collider], time: float = 0.0) -> NDArray[n
                 row[KIND] = POLYGON
                 row[SHAPE : SHAPE + 2] = edge_count, count
                 edge_count += count
-        tint = np.array(COLLIDER)
-        if collider.color is not None:
-            tint = palette.to_linear(palette.from_hex(collider.color))
-        row[TINT : TINT + 3] = tint
+        row[TINT : TINT + 3] = palette.tint(collider.color, COLLIDER)
     return rows
 
 

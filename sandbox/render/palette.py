@@ -77,3 +77,8 @@ def encode_table_flat() -> NDArray[np.uint8]:
     """The same without tone mapping, for flat colours that must come out as they went in."""
     linear = np.linspace(0.0, 1.0, ENCODE_SIZE) ** 2 * ENCODE_MAX
     return np.round(to_srgb(linear) * 255.0).astype(np.uint8)
+
+
+def tint(color: str | None, default: tuple[float, float, float]) -> FloatArray:
+    """Linear colour of what may name one as #rrggbb, shape (3,); else the linear ``default``."""
+    return np.array(default) if color is None else to_linear(from_hex(color))

@@ -79,9 +79,7 @@ def build_solid(collider: Collider, bounds: FloatArray) -> Solid | None:
             corners, normals = _mesh(collider)
         case _:
             return None
-    tint = np.array(GROUND if isinstance(collider, HalfSpace) else COLLIDER)
-    if collider.color is not None:
-        tint = palette.to_linear(palette.from_hex(collider.color))
+    tint = palette.tint(collider.color, GROUND if isinstance(collider, HalfSpace) else COLLIDER)
     rotation = rotation_matrix(getattr(collider, "rotation", 0.0), 3)
     is_casting = not (isinstance(collider, HalfSpace) and is_ground(_normal(collider)))
     return Solid(corners, normals, ends, radius, tint, origin(collider, 3), rotation, motion, is_casting)

@@ -18,6 +18,7 @@ from sandbox.scene.look import build_appearance
 from sandbox.scene.model import Body, Bracing, Collider, Custom, Material, Scene
 from sandbox.scene.ordering import locality_order
 from sandbox.scene.placement import rotation_matrix, spin
+from sandbox.scene.selection import selected
 from sandbox.scene.shapes import Geometry, generate
 from sandbox.scene.spring_set import SpringSet
 from sandbox.scene.surfaces import FaceSet, Gas
@@ -200,7 +201,10 @@ class _Part:
         turn = rotation_matrix(body.rotation, scene.dimension)
         arms = geometry.points @ turn.T
         positions = arms + (0.0 if body.position is None else np.asarray(body.position))
-        pinned = _pinned(where, body, geometry, positions)
+        pinned = np.zeros(len(positions), dtype=bool)
+        pinned[geometry.pinned] = True
+        if body.pin is not None:
+            pinned |= selected(f"{where}.pin", body.pin, positions)
         velocities = _velocities(body, geometry, arms, turn)
         masses = _masses(where, body.material, geometry)
         stiffness = _stiffness(where, body, geometry)
@@ -222,25 +226,6 @@ class _Part:
                 _damping(body.material, stiffness, masses, pinned, geometry.springs),
             ),
         )
-
-
-def _pinned(where: str, body: Body, geometry: Geometry, positions: FloatArray) -> NDArray[np.bool_]:
-    pinned = np.zeros(len(positions), dtype=bool)
-    pinned[geometry.pinned] = True
-    if body.pin is not None:
-        for row, index in enumerate(body.pin.indices):
-            if index >= len(positions):
-                raise SceneError(
-                    f"{where}.pin.indices[{row}]: there is no particle {index}; the body has {len(positions)}"
-                )
-            pinned[index] = True
-        if body.pin.region is not None:
-            low, high = np.asarray(body.pin.region.min), np.asarray(body.pin.region.max)
-            inside = ((positions >= low) & (positions <= high)).all(axis=1)
-            if not inside.any():
-                raise SceneError(f"{where}.pin.region: holds no particle of the body")
-            pinned |= inside
-    return pinned
 
 
 def _velocities(body: Body, geometry: Geometry, arms: FloatArray, turn: FloatArray) -> FloatArray:

@@ -10,6 +10,7 @@ from sandbox.errors import SceneError
 from sandbox.scene.lattice import FloatArray, IntArray
 from sandbox.scene.model import Attachment, Material, Scene
 from sandbox.scene.motion import motion_of
+from sandbox.scene.selection import selected
 from sandbox.scene.spring_set import SpringSet
 
 _CHUNK = 4_000_000
@@ -60,7 +61,8 @@ def resolve(scene: Scene, positions: FloatArray, first: NDArray[np.int64], own: 
         if attachment.body not in names:
             raise SceneError(f"{where}.body: there is no body {attachment.body!r}")
         body = names[attachment.body]
-        chosen = _chosen(where, attachment, positions, int(first[body]), int(first[body + 1]))
+        start, end = int(first[body]), int(first[body + 1])
+        chosen = np.nonzero(selected(where, attachment, positions[start:end]))[0] + start
         if attachment.to in names:
             other = names[attachment.to]
             if other == body:
@@ -77,21 +79,6 @@ def resolve(scene: Scene, positions: FloatArray, first: NDArray[np.int64], own: 
             raise SceneError(f"{where}.to: there is no body or collider {attachment.to!r}")
     pinned = np.concatenate([np.zeros(0, np.int64)] + [chosen for chosen, _ in rows])
     return Held(springs, pinned.astype(np.int32), _carried(scene, positions, rows), np.array(family, dtype=np.int32))
-
-
-def _chosen(where: str, attachment: Attachment, positions: FloatArray, start: int, end: int) -> NDArray[np.int64]:
-    inside = np.zeros(end - start, dtype=bool)
-    for row, index in enumerate(attachment.indices):
-        if index >= end - start:
-            raise SceneError(f"{where}.indices[{row}]: there is no particle {index}; the body has {end - start}")
-        inside[index] = True
-    if attachment.region is not None:
-        low, high = np.asarray(attachment.region.min), np.asarray(attachment.region.max)
-        region = ((positions[start:end] >= low) & (positions[start:end] <= high)).all(axis=1)
-        if not region.any():
-            raise SceneError(f"{where}.region: holds no particle of the body")
-        inside |= region
-    return np.nonzero(inside)[0] + start
 
 
 def _nearest(positions: FloatArray, chosen: NDArray[np.int64], start: int, end: int) -> NDArray[np.int64]:

@@ -16,10 +16,8 @@ from pydantic import BaseModel, ValidationError
 
 from sandbox.errors import SceneError
 from sandbox.scene import model
-from sandbox.scene.model import Scene
+from sandbox.scene.model import MOST_PARTICLES, Scene
 
-MOST_PARTICLES = 20_000_000
-"""Most particles of a body: what fits into some 10 GB with its springs."""
 _INDEX = re.compile(r"\[(\d+)\]")
 _PACKAGE = Path(__file__).resolve().parent.parent
 # In a wheel the scenes lie inside the package, in a checkout beside it.

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sandbox.errors import SceneError
+from sandbox.scene.topology import directed_edges, pair_keys
 
 MOST_TRIANGLES = 5_000_000
 """Most triangles of a mesh file."""
@@ -43,7 +44,7 @@ def load_mesh(file: str, scale: float) -> tuple[FloatArray, IntArray]:
 
 def is_closed(triangles: IntArray) -> bool:
     """True where every edge is used exactly twice, in opposite directions: the mesh has an inside."""
-    directed = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64)
+    directed = directed_edges(triangles).astype(np.int64)
     forward = np.sort((directed[:, 0] << 32) | directed[:, 1])
     backward = np.sort((directed[:, 1] << 32) | directed[:, 0])
     once = bool((np.diff(forward) > 0).all())
@@ -126,8 +127,8 @@ def _consistent(triangles: IntArray) -> tuple[NDArray[np.bool_], NDArray[np.int6
     from scipy.sparse.csgraph import connected_components
 
     count = len(triangles)
-    directed = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64)
-    keys = (directed.min(axis=1) << 32) | directed.max(axis=1)
+    directed = directed_edges(triangles).astype(np.int64)
+    keys = pair_keys(directed)
     order = np.argsort(keys, kind="stable")
     _, start, uses = np.unique(keys[order], return_index=True, return_counts=True)
     one, other = order[start[uses == 2]], order[start[uses == 2] + 1]

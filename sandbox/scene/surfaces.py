@@ -10,6 +10,7 @@ from sandbox.errors import SceneError
 from sandbox.scene import mesh_file
 from sandbox.scene.lattice import FloatArray, IntArray
 from sandbox.scene.model import Body, Pressure, Pump
+from sandbox.scene.topology import directed_edges, pair_keys
 
 GAS_CONSTANT = 8.314462618
 """Molar gas constant R [J/(mol K)], exact in the SI since 2019."""
@@ -51,11 +52,10 @@ class Gas:
 
 def enclosed_volume(faces: IntArray, positions: FloatArray) -> float:
     """Signed volume (2D: area) inside faces, shape (F, d), of points [m], shape (N, d); positive if they face out."""
-    corners = positions[faces] - positions[faces].mean(axis=(0, 1))
-    if faces.shape[1] == 2:
-        (ax, ay), (bx, by) = corners[:, 0].T, corners[:, 1].T
-        return float(0.5 * (ax * by - ay * bx).sum())
-    return float(np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6.0)
+    if faces.shape[1] == 3:
+        return mesh_file.signed_volume(positions, faces)
+    (ax, ay), (bx, by) = (positions[faces[:, k]].T - positions[faces].mean(axis=(0, 1))[:, None] for k in range(2))
+    return float(0.5 * (ax * by - ay * bx).sum())
 
 
 def is_closed(faces: IntArray) -> bool:
@@ -68,21 +68,17 @@ def is_closed(faces: IntArray) -> bool:
 
 def edge_springs(faces: IntArray, springs: IntArray) -> IntArray:
     """Spring along each edge of faces (F, 3), or of edges (F, 2), or -1; shape (F, 3) or (F, 1)."""
-    if faces.shape[1] == 2:
-        edges = faces
-    else:
-        edges = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    width = int(max(faces.max(initial=0), springs.max(initial=0))) + 1
-    key = np.sort(springs, axis=1).astype(np.int64) @ np.array([width, 1])
-    wanted = np.sort(edges, axis=1).astype(np.int64) @ np.array([width, 1])
+    width = 1 if faces.shape[1] == 2 else 3
+    result = np.full((len(faces), width), -1, dtype=np.int32)
+    if len(faces) == 0 or len(springs) == 0:
+        return result
+    wanted = pair_keys(faces if width == 1 else directed_edges(faces)).reshape(-1, width)
+    key = pair_keys(springs)
     order = np.argsort(key, kind="stable")
-    place = np.searchsorted(key[order], wanted)
-    found = np.zeros(len(wanted), dtype=bool)
-    if len(key):
-        found = key[order][np.minimum(place, len(key) - 1)] == wanted
-    result = np.full(len(wanted), -1, dtype=np.int32)
+    place = np.minimum(np.searchsorted(key[order], wanted), len(key) - 1)
+    found = key[order[place]] == wanted
     result[found] = order[place[found]]
-    return result.reshape(len(faces), 1 if faces.shape[1] == 2 else 3)
+    return result
 
 
 def gas_of(index: int, body: Body, faces: IntArray, positions: FloatArray, actions: Sequence[Pump]) -> Gas:

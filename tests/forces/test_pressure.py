@@ -290,7 +290,7 @@ def test_a_torn_body_empties_to_the_ambient_pressure(simulate, start):
     for dt in (1e-4, 5e-3):
         simulation.restore()
         simulation.dt = dt
-        gas.tears.torn[3] = 1
+        gas.faces.tears.torn[3] = 1
         gauges = []
         for before, until in zip([0.0, *times], times, strict=False):
             simulation.advance(until - before)
@@ -303,7 +303,7 @@ def test_a_torn_body_empties_to_the_ambient_pressure(simulate, start):
 def test_nothing_presses_on_a_torn_face(simulate):
     simulation = simulate(burst(pressure={"gauge_pressure": 5000.0}))
     whole = Probe(simulation, Pressure).forces()
-    gas_of(simulation).tears.torn[0] = 1
+    gas_of(simulation).faces.tears.torn[0] = 1
     torn = Probe(simulation, Pressure).forces()
     a, b = simulation.assembly.order[simulation.assembly.springs[0]]
     x = simulation.positions()
@@ -334,7 +334,7 @@ def test_flow_of_gas_is_in_the_ledger(simulate, torn):
     for dt in (1e-3, 5e-4):
         simulation.restore()
         simulation.dt = dt
-        gas_of(simulation).tears.torn[5] = int(torn)
+        gas_of(simulation).faces.tears.torn[5] = int(torn)
         before = simulation.measure()
         simulation.advance(0.5)
         after = simulation.measure()

@@ -248,7 +248,7 @@ def test_wind_blows_through_torn_faces(simulate):
     normal = normal_of(simulation.positions())
     whole = Probe(simulation, WindForce).forces().sum(axis=0) @ normal
     spring = int(faces.springs[faces.springs >= 0][0])
-    law.tears.torn[spring] = 1
+    law.faces.tears.torn[spring] = 1
     gone = (faces.springs == spring).any(axis=1).sum()
     torn = Probe(simulation, WindForce).forces().sum(axis=0) @ normal
     assert 1 <= gone < len(faces.faces)

@@ -13,7 +13,8 @@ from sandbox.scene.mesh_file import is_closed, signed_volume
 from sandbox.scene.model import Bracing, Shape
 from sandbox.scene.shapes import Geometry, generate
 from sandbox.scene.shapes.shells import icosphere
-from sandbox.scene.shapes.triangles import find_edges, membrane_springs, pair_keys, signed_areas, triangle_areas
+from sandbox.scene.shapes.triangles import find_edges, membrane_springs, signed_areas, triangle_areas
+from sandbox.scene.topology import pair_keys
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from sandbox.errors import SceneError
 from sandbox.scene.shapes import Geometry
 from sandbox.scene.shapes.outlines import check_outline, inside, loop_area
-from sandbox.scene.shapes.triangles import open_edges, pair_keys, signed_areas
+from sandbox.scene.shapes.triangles import open_edges, signed_areas
+from sandbox.scene.topology import pair_keys
 from tests.scene.test_shapes import check_sound, modulus_of_stretch, shape
 
 SQUARE = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]

@@ -14,12 +14,13 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from sandbox import runtime
-from sandbox.contact.colliders.solid import NEVER, TINY, SolidCollider, rounding
+from sandbox.contact.colliders.solid import NEVER, TINY, SolidCollider, outside_box, rounding
 from sandbox.contact.distance_grid import DistanceGrid, bake, grid_frame, lost_share
 from sandbox.errors import SceneError
 from sandbox.scene.assemble import Assembly
 from sandbox.scene.mesh_file import is_closed, load_mesh
 from sandbox.scene.model import MeshCollider
+from sandbox.scene.motion import origin
 from sandbox.scene.placement import rotation_matrix
 from sandbox.state import ParticleState, place
 
@@ -77,7 +78,7 @@ class GridCollider(SolidCollider):
         self.last_cell = ti.types.vector(3, ti.i32)([n - 2 for n in nodes])
         self.low, self.high = vector(self.vertices.min(axis=0)), vector(self.vertices.max(axis=0))
         turn = rotation_matrix(collider.rotation, 3)
-        position = np.zeros(3) if collider.position is None else np.asarray(collider.position)
+        position = origin(collider, 3)
         self.placed = bool(position.any() or (turn != np.eye(3)).any())
         """True where the file's own frame is not the one that particles come in."""
         self.position, self.to_world, self.to_local = vector(position), matrix(turn), matrix(turn.T)
@@ -115,7 +116,7 @@ class GridCollider(SolidCollider):
     @ti.func
     def _gap(self, x):
         """Distance from the mesh's bounding box [m]: its surface is no nearer."""
-        return ti.max(ti.max(self.low - x, x - self.high), 0.0).norm()
+        return outside_box(self.low, self.high, x)
 
     @ti.func
     def _value(self, x):

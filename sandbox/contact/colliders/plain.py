@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from sandbox.contact.colliders.solid import NEVER, TINY, Numbers, SolidCollider, enter_ball
 from sandbox.scene.assemble import Assembly
 from sandbox.scene.model import BoxCollider, CapsuleCollider, HalfSpace, SphereCollider
+from sandbox.scene.motion import origin
 from sandbox.scene.placement import rotation_matrix
 from sandbox.state import ParticleState
 
@@ -260,7 +261,7 @@ def _axis(collider: CapsuleCollider) -> tuple[FloatArray, FloatArray, FloatArray
     """Start of a capsule's axis [m], its direction, one across, for a particle on the very axis, and its length [m]."""
     dimension = len(collider.start)
     turn = rotation_matrix(collider.rotation, dimension)
-    position = np.zeros(dimension) if collider.position is None else np.asarray(collider.position)
+    position = origin(collider, dimension)
     start, end = (position + turn @ np.asarray(place) for place in (collider.start, collider.end))
     length = float(np.linalg.norm(end - start))
     along = (end - start) / length if length > 0.0 else np.eye(dimension)[0]

@@ -13,10 +13,12 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from sandbox import runtime
-from sandbox.contact.colliders.solid import NEVER, Numbers, SolidCollider, enter_ball, rounding
+from sandbox.contact.colliders.solid import NEVER, Numbers, SolidCollider, enter_ball, outside_box, rounding
 from sandbox.scene.assemble import Assembly
 from sandbox.scene.model import PolygonCollider
+from sandbox.scene.motion import origin
 from sandbox.scene.placement import rotation_matrix
+from sandbox.scene.shapes.outlines import loop_area
 from sandbox.state import ParticleState, place
 
 FloatArray = NDArray[np.float64]
@@ -30,8 +32,7 @@ def outline_edges(points: Any, holes: Any) -> tuple[FloatArray, FloatArray]:
     for outline, turns in [(points, 1.0), *((hole, -1.0) for hole in holes)]:
         corners = np.asarray(outline, dtype=float)
         following = np.roll(corners, -1, axis=0)
-        area = float((corners[:, 0] * following[:, 1] - corners[:, 1] * following[:, 0]).sum())
-        pair = (corners, following) if area * turns > 0.0 else (following, corners)
+        pair = (corners, following) if loop_area(corners) * turns > 0.0 else (following, corners)
         apart = (corners != following).any(axis=1)
         starts.append(pair[0][apart])
         ends.append(pair[1][apart])
@@ -40,7 +41,7 @@ def outline_edges(points: Any, holes: Any) -> tuple[FloatArray, FloatArray]:
 
 def _placed_edges(collider: PolygonCollider) -> tuple[FloatArray, FloatArray]:
     turn = rotation_matrix(collider.rotation, 2)
-    position = np.zeros(2) if collider.position is None else np.asarray(collider.position)
+    position = origin(collider, 2)
     start, end = outline_edges(collider.points, collider.holes)
     return start @ turn.T + position, end @ turn.T + position
 
@@ -108,7 +109,7 @@ class OutlineCollider(SolidCollider):
     @ti.func
     def _gap(self, c, x):
         """Distance from the bounding box [m]: the polygon is no nearer."""
-        return ti.max(ti.max(self.numbers.low.of(c) - x, x - self.numbers.high.of(c)), 0.0).norm()
+        return outside_box(self.numbers.low.of(c), self.numbers.high.of(c), x)
 
     @ti.func
     def closest(self, c, x):

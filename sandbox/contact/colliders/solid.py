@@ -37,6 +37,12 @@ def enter_ball(arm, path, reach):
     return fraction
 
 
+@ti.func
+def outside_box(low, high, x):
+    """Distance of a point from an axis-aligned box [m]; 0 inside."""
+    return ti.max(ti.max(low - x, x - high), 0.0).norm()
+
+
 @ti.data_oriented
 class ParticleRadius:
     """Contact radius of every particle [m]."""

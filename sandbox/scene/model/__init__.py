@@ -6,6 +6,7 @@ What a scene does not give is not modelled. Unknown keys are errors. Nothing her
 
 from sandbox.scene.model.base import (
     BEND_HELP,
+    MOST_PARTICLES,
     ROTATION_HELP,
     Cells,
     Color,
@@ -57,6 +58,7 @@ from sandbox.scene.model.surroundings import Action, Contact, Gust, Pump, Vortex
 
 __all__ = [
     "BEND_HELP",
+    "MOST_PARTICLES",
     "ROTATION_HELP",
     "Action",
     "Attachment",

@@ -6,6 +6,9 @@ from typing import Annotated
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict
 from pydantic_core import PydanticCustomError
 
+MOST_PARTICLES = 20_000_000
+"""Most particles or cells of one body: what fits into some 10 GB with its springs."""
+
 
 class Model(BaseModel):
     """Base of all parts of a scene: immutable, no unknown keys, no infinities."""

@@ -7,9 +7,6 @@ import numpy as np
 
 from sandbox.scene.lattice import FloatArray, IntArray
 
-MOST_POINTS = 20_000_000
-"""Most particles or cells of one shape: what fits into some 10 GB with its springs."""
-
 
 def no_elements(width: int) -> IntArray:
     """An empty list of elements, shape (0, width)."""

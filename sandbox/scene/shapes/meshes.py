@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from sandbox.errors import SceneError
 from sandbox.scene.lattice import FloatArray, IntArray, build_lattice
 from sandbox.scene.mesh_file import is_closed, load_mesh, signed_volume
-from sandbox.scene.model import Fill, Mesh
-from sandbox.scene.shapes.geometry import MOST_POINTS, Geometry, generate, lengths
+from sandbox.scene.model import MOST_PARTICLES, Fill, Mesh
+from sandbox.scene.shapes.geometry import Geometry, generate, lengths
 from sandbox.scene.shapes.shells import surface_geometry
 from sandbox.scene.shapes.voxels import inside_fraction
 
@@ -31,10 +31,10 @@ def _filled(shape: Mesh, vertices: FloatArray, triangles: IntArray) -> Geometry:
     extent = np.ptp(vertices, axis=0)
     spacing = float(extent.max()) / shape.cells
     cells = tuple(int(n) for n in np.maximum(np.round(extent / spacing), 1))
-    if np.prod(cells, dtype=float) > MOST_POINTS:
+    if np.prod(cells, dtype=float) > MOST_PARTICLES:
         raise SceneError(
             f"{shape.file}: {shape.cells} cells along it make a grid of {np.prod(cells, dtype=float):.3g} cells, "
-            f"at most {MOST_POINTS:.3g} are taken"
+            f"at most {MOST_PARTICLES:.3g} are taken"
         )
     low = -0.5 * spacing * np.asarray(cells)
     occupied = _occupied(inside_fraction(vertices, triangles, low, spacing, cells), shape)

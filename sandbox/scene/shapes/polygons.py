@@ -4,8 +4,8 @@ import numpy as np
 
 from sandbox.errors import SceneError
 from sandbox.scene.lattice import FloatArray, IntArray
-from sandbox.scene.model import Polygon
-from sandbox.scene.shapes.geometry import MOST_POINTS, Geometry, generate, lengths
+from sandbox.scene.model import MOST_PARTICLES, Polygon
+from sandbox.scene.shapes.geometry import Geometry, generate, lengths
 from sandbox.scene.shapes.outlines import check_outline, inside, loop_area
 from sandbox.scene.shapes.triangles import (
     counter_clockwise,
@@ -13,9 +13,9 @@ from sandbox.scene.shapes.triangles import (
     mass_shares,
     membrane_springs,
     open_edges,
-    pair_keys,
     signed_areas,
 )
+from sandbox.scene.topology import pair_keys
 
 MOST_POLYGON_POINTS = 2_000_000
 """Most particles of a polygon: triangles of more take minutes."""
@@ -33,8 +33,8 @@ def _polygon(shape: Polygon, dimension: int) -> Geometry:
     expected = area / cell + _boundary_length(loops) / shape.spacing
     if expected > MOST_POLYGON_POINTS:
         raise SceneError(f"spacing: makes {expected:.3g} particles, at most {MOST_POLYGON_POINTS:.3g} are taken")
-    if (grid := float(np.ptp(loops[0], axis=0).prod()) / cell) > MOST_POINTS:
-        raise SceneError(f"spacing: makes a grid of {grid:.3g} points, at most {MOST_POINTS:.3g} are taken")
+    if (grid := float(np.ptp(loops[0], axis=0).prod()) / cell) > MOST_PARTICLES:
+        raise SceneError(f"spacing: makes a grid of {grid:.3g} points, at most {MOST_PARTICLES:.3g} are taken")
     points, triangles, outline = fill(loops, shape.spacing)
     springs = membrane_springs(points, triangles, thickness=1.0)
     areas = signed_areas(points, triangles)

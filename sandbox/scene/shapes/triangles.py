@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from sandbox.scene.lattice import FloatArray, IntArray
 from sandbox.scene.shapes.geometry import lengths, no_elements
+from sandbox.scene.topology import directed_edges, pair_keys
 
 # Bend springs of equilateral triangles form a lattice of their own, sqrt(3) times as wide, with as many
 # springs: it is 3 times as stiff as the edges' at the same spring stiffness.
@@ -39,15 +40,10 @@ class TriangleSprings:
 
 def find_edges(triangles: IntArray) -> Edges:
     """Edges of the triangles, sorted by their ends."""
-    directed = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    directed = directed_edges(triangles)
     keys, inverse, uses = np.unique(pair_keys(directed), return_inverse=True, return_counts=True)
     pairs = np.stack([keys >> 32, keys & 0xFFFFFFFF], axis=1).astype(np.int32)
     return Edges(pairs=pairs, of_triangle=inverse.reshape(-1, 3), uses=uses)
-
-
-def pair_keys(pairs: IntArray) -> NDArray[np.int64]:
-    """One number for each pair, the same for both directions: lower index in the upper 32 bits, shape (E,)."""
-    return np.asarray((pairs.min(axis=1).astype(np.int64) << 32) | pairs.max(axis=1), dtype=np.int64)
 
 
 def open_edges(triangles: IntArray) -> IntArray:
@@ -55,7 +51,7 @@ def open_edges(triangles: IntArray) -> IntArray:
     if len(triangles) == 0:
         return no_elements(2)
     edges = find_edges(triangles)
-    directed = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    directed = directed_edges(triangles)
     return np.asarray(directed[edges.uses[edges.of_triangle.reshape(-1)] == 1], dtype=np.int32)
 
 
