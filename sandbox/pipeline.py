@@ -18,8 +18,8 @@ from sandbox.forces.pressure import Pressure
 from sandbox.forces.springs import plain_springs
 from sandbox.forces.tears import Tears
 from sandbox.forces.wind import WindForce
-from sandbox.integrators.kick_drift import KickDrift
-from sandbox.integrators.schemes import SplittingScheme
+from sandbox.integrators.build import Stepper, build_stepper, stage_slots
+from sandbox.integrators.schemes import Scheme
 from sandbox.ledger import Ledger
 from sandbox.parts import Parts
 from sandbox.scene.assemble import Assembly, combine_bodies
@@ -41,7 +41,7 @@ class Pipeline:
     tree: Any
     state: ParticleState
     parts: Parts
-    stepper: KickDrift
+    stepper: Stepper
     diagnostics: Diagnostics
     remembering: list[Any]
     """Parts with a memory beyond positions and velocities."""
@@ -76,11 +76,12 @@ class Pipeline:
         return next((text for text in calls if text), None)
 
 
-def build_pipeline(assembly: Assembly, scheme: SplittingScheme, serial: bool, neighbours: int) -> Pipeline:
+def build_pipeline(assembly: Assembly, scheme: Scheme, serial: bool, neighbours: int) -> Pipeline:
     """Fields and kernels for just what the scene names; ``neighbours`` is the room for contact."""
     scene = assembly.scene
     builder = runtime.fields_builder()
-    state = ParticleState(builder, assembly, scheme.predicts_velocity and _sees_velocity(assembly))
+    predicts = scheme.predicts_velocity and _sees_velocity(assembly)
+    state = ParticleState(builder, assembly, predicts, stage_slots(scheme))
     ledger = Ledger(builder, state.count, state.dimension) if scene.diagnostics.ledger else None
     tears = Tears(builder, assembly.spring_count) if assembly.spring_set.tears else None
     parts = Parts(tears=[] if tears is None else [tears], ledger=[] if ledger is None else [ledger])
@@ -108,13 +109,13 @@ def build_pipeline(assembly: Assembly, scheme: SplittingScheme, serial: bool, ne
     if setup is not None:
         parts.contact.append(ParticleContact(builder, setup, state, ledger))
     diagnostics = Diagnostics(builder, state, parts)
+    stepper = build_stepper(builder, scheme, state, parts, assembly, serial)
     tree = builder.finalize()
-    for part in loads + solids.parts:
-        part.load(assembly)
+    for part in [*loads, *solids.parts, stepper]:
+        if hasattr(part, "load"):
+            part.load(assembly)
     if setup is not None:
         parts.contact[0].load(setup)
-    pinned = bool((assembly.inverse_masses == 0.0).any())
-    stepper = KickDrift(scheme, state, parts, scene.drag, pinned, serial)
     remembering = [part for part in [*parts.laws, *parts.tears, *parts.ledger] if hasattr(part, "memory")]
     return Pipeline(tree, state, parts, stepper, diagnostics, remembering)
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sandbox import checkpoint, runtime, stability
+from sandbox import checkpoint, limits, runtime, stability
 from sandbox.diagnostics import Energy, Measurement
 from sandbox.errors import DivergedError, SceneError
 from sandbox.integrators.kick_drift import SERIAL_WORK
@@ -77,9 +77,7 @@ class Simulation:
         self._neighbours = first_neighbours(self.assembly)
         self._measurement: Measurement | None = None
         self._check_start()
-        self.initial_stable_dt = stability.stable_step(
-            self._network, self.assembly.positions, self.scheme.damping_weight
-        )
+        self.initial_stable_dt = limits.stable_step(self.scheme, self._network, self.assembly.positions, scene.duration)
         """Stability limit of the scheme in the shape that the scene starts with [s]."""
         self.dt = self._choose_dt(self.initial_stable_dt)
         """Longest step that is taken [s]; every call divides its time into equal steps of at most this."""
@@ -260,7 +258,7 @@ class Simulation:
         """Largest stable step of the scene's integrator in the shape that the bodies have now [s]."""
         memory = self._asleep_memory if self._pipeline is None else self._pipeline.memory()
         network = network_of(self.assembly, memory)
-        return stability.stable_step(network, self._read()[0], self.scheme.damping_weight)
+        return limits.stable_step(self.scheme, network, self._read()[0], self.scene.duration)
 
     def _choose_dt(self, limit: float) -> float:
         wanted = self.scene.solver.dt
@@ -308,6 +306,7 @@ class Simulation:
         """Find the first bad step by taking the last steps again, one by one; leave the last good state."""
         pipeline = self._wake()
         pipeline.restore()
+        pipeline.alarm()  # that of the steps undone is no longer of interest
         good, good_memory = pipeline.state.read(), pipeline.memory()
         before, time = good[:2], self.time
         for step in range(1, steps + 1):

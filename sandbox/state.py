@@ -1,7 +1,8 @@
 """Particle state in Taichi fields: positions and velocities in slots, masses; save and restore.
 
 A *slot* is one whole copy of positions and velocities. A step reads one slot and writes another,
-so that every particle gathers from the same instant; one more slot keeps the last good state.
+so that every particle gathers from the same instant; one more slot keeps the last good state, and
+schemes of several stages have more of them.
 """
 
 import numpy as np
@@ -17,7 +18,8 @@ SLICE = 8
 """Consecutive particles that some laws handle together."""
 BACKUP_SLOT = 2
 _SERIAL_COUNT = 4096
-_SLOTS = 3
+FIRST_STAGE_SLOT = 3
+"""Slot of the first further state that a scheme goes through within a step."""
 
 
 def place(builder: ti.FieldsBuilder, field: ti.Field, *shape: int) -> ti.Field:
@@ -33,23 +35,24 @@ class ParticleState:
 
     Attributes
     ----------
-    x : positions [m], vectors, shape (3, particle_count): two slots and a backup
-    v : velocities [m/s], vectors, shape (3, particle_count)
+    x : positions [m], vectors, shape (3 + stages, particle_count): two slots, a backup, and ``stages`` more
+    v : velocities [m/s], vectors, of the same shape
     force_velocity : velocities that forces see [m/s]: ``v`` itself, or a scheme's prediction of it
     mass, inverse_mass : [kg], [1/kg] (0 where pinned), shape (particle_count,)
     """
 
-    def __init__(self, builder: ti.FieldsBuilder, assembly: Assembly, predicts_velocity: bool) -> None:
+    def __init__(self, builder: ti.FieldsBuilder, assembly: Assembly, predicts_velocity: bool, stages: int = 0) -> None:
         self.count = assembly.particle_count
         self.dimension = assembly.dimension
         vector = runtime.vector(self.dimension)
         real = runtime.real()
         self.capacity = -(-self.count // SLICE) * SLICE
         """Rows of the fields: ``count`` rounded up to whole slices; the rest stays zero."""
-        self.x = place(builder, vector.field(), _SLOTS, self.capacity)
-        self.v = place(builder, vector.field(), _SLOTS, self.capacity)
+        slots = FIRST_STAGE_SLOT + stages
+        self.x = place(builder, vector.field(), slots, self.capacity)
+        self.v = place(builder, vector.field(), slots, self.capacity)
         self.predicts_velocity = predicts_velocity
-        self.force_velocity = place(builder, vector.field(), _SLOTS, self.capacity) if predicts_velocity else self.v
+        self.force_velocity = place(builder, vector.field(), slots, self.capacity) if predicts_velocity else self.v
         self.mass = place(builder, ti.field(real), self.count)
         self.inverse_mass = place(builder, ti.field(real), self.count)
         self.serialize = runtime.settings().arch == "cpu" and self.count <= _SERIAL_COUNT

@@ -41,6 +41,7 @@ class Springs:
         self.springs = springs
         self.rows = rows
         self.vector = runtime.vector(state.dimension)
+        self.matrix = ti.types.matrix(state.dimension, state.dimension, runtime.real())
         self.damped = bool(springs.damping.any())
         real = runtime.real()
         half_edges = len(rows.neighbour)
@@ -132,6 +133,53 @@ class Springs:
                 r2 = ti.max(d.dot(d), _TINY)
                 force += self.damping[h] * ((self.state.force_velocity[slot, j] - v).dot(d) / r2) * d
         return force
+
+    @ti.func
+    def product_on(self, i, slot, u: ti.template(), stiff, damp):
+        """Row i of (``stiff`` K + ``damp`` C) u at the positions of ``slot``; K is made positive, see :meth:`_link`.
+
+        u is a field of vectors, shape (particle_count,).
+        """
+        x, own = self.state.x[slot, i], u[i]
+        product = self.vector(0.0)
+        for h in range(self.row[i], self.row[i + 1]):
+            j = self.neighbour[h]
+            d = self.state.x[slot, j] - x
+            axial, cross = self._link(h, d, stiff, damp)
+            w = own - u[j]
+            product += (axial * w.dot(d)) * d + cross * w
+        return product
+
+    @ti.func
+    def block_on(self, i, slot, stiff, damp):
+        """Diagonal block of the same matrix, of particle i, (d, d)."""
+        x = self.state.x[slot, i]
+        block = self.matrix(0.0)
+        for h in range(self.row[i], self.row[i + 1]):
+            d = self.state.x[slot, self.neighbour[h]] - x
+            axial, cross = self._link(h, d, stiff, damp)
+            block += axial * d.outer_product(d)
+            for axis in ti.static(range(self.state.dimension)):
+                block[axis, axis] += cross
+        return block
+
+    @ti.func
+    def _link(self, h, d, stiff, damp):
+        """Factors a and b of a half-edge's block a d d^T + b I.
+
+        Along the spring k and c, across it k (1 - L / r), which is left out where it is negative: a compressed
+        spring gives way sideways, and no method that minimises may be led by that (Teran et al. 2005).
+        """
+        r2 = ti.max(d.dot(d), _TINY)
+        inverse_r = ti.rsqrt(r2)
+        slack = 1.0 - self.rest_length[h] * inverse_r
+        along = stiff * self.stiffness[h]
+        cross = along * ti.max(slack, 0.0)
+        if ti.static(self.damped):
+            along += damp * self.damping[h]
+        if ti.static(self.tension_only):
+            along = ti.select(slack > 0.0, along, 0.0)
+        return (along - cross) / r2, cross
 
     @ti.func
     def strain_on(self, i, slot):

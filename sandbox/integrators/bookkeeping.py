@@ -38,20 +38,14 @@ class Bookkeeping:
 
     @ti.func
     def enter(self, i, slot, force, x, v, decay, gain, dt):
-        """Book the step of particle i that ended at x, v; ``force`` is all that acted on it [N]."""
+        """Book the kick and drift of particle i that ended at x, v; ``force`` is all that acted on it [N]."""
         m = self.state.mass[i]
         w = self.state.inverse_mass[i]
         start = self.state.x[slot, i]
         begun = self.state.v[slot, i]
         kicked = self.kick.apply(begun, w * force, decay, gain)
         duration = self.kick.duration(decay, gain)
-        before = begun
-        if ti.static(self.meets):
-            along, across = self.ledger.take(ALONG, i), self.ledger.take(ACROSS, i)
-            before = begun - w * (along + across)
-            self.ledger.add(self.contact_term, i, along.dot(0.5 * (before + v)))
-            self.ledger.add(self.friction_term, i, across.dot(0.5 * (before + v)))
-        mean = 0.5 * (before + v)
+        mean = 0.5 * (self.met(i, begun, v) + v)
         way = duration * mean
         if w == 0.0:
             way = x - start
@@ -64,14 +58,74 @@ class Bookkeeping:
             if ti.static(self.drags):
                 self.ledger.add(self.drag_term, i, (m * (kicked - begun) - duration * force).dot(mean))
             if ti.static(self.collides):
-                rubbed = self.ledger.take(RUBBED, i)
-                self.ledger.add(self.friction_term, i, rubbed.dot(mean))
-                # What a collider does to the place beyond the velocity, it does against the forces: half against
-                # those before, half against those after.
-                pushed = 0.0 * w
+                pushed = 0.0 * x
                 if dt > 0.0:
-                    pushed = 0.5 * conservative.dot(x - start - dt * v + self.ledger.take(MOVED, i))
-                    self.ledger.hand_in(MOVED, i, x - start - dt * v)
-                self.ledger.add(self.collision_term, i, (m * (v - kicked) - rubbed).dot(mean) - pushed)
+                    pushed = x - start - dt * v
+                self.collide(i, conservative, pushed, kicked, v, mean, dt)
         elif ti.static(self.carries):
-            self.ledger.add(self.drive_term, i, 0.5 * m * (v - begun).dot(v + begun) - force.dot(way))
+            self.drive(i, begun, v, force.dot(way))
+
+    @ti.func
+    def met(self, i, begun, v):
+        """Book what contact gave particle i after the last drift; the velocity that it had before that.
+
+        The particle had ``begun`` [m/s] after it and has ``v`` now.
+        """
+        before = begun
+        if ti.static(self.meets):
+            along, across = self.ledger.take(ALONG, i), self.ledger.take(ACROSS, i)
+            before = begun - self.state.inverse_mass[i] * (along + across)
+            self.ledger.add(self.contact_term, i, along.dot(0.5 * (before + v)))
+            self.ledger.add(self.friction_term, i, across.dot(0.5 * (before + v)))
+        return before
+
+    @ti.func
+    def collide(self, i, conservative, pushed, kicked, v, mean, dt):
+        """Book what colliders made of a velocity ``kicked``, at the mean velocity of the step [m/s].
+
+        What a collider does to the place beyond the velocity, ``pushed`` [m], it does against the forces: half
+        against those before, half against those after.
+        """
+        rubbed = self.ledger.take(RUBBED, i)
+        self.ledger.add(self.friction_term, i, rubbed.dot(mean))
+        work = 0.0 * mean[0]
+        if dt > 0.0:
+            work = 0.5 * conservative.dot(pushed + self.ledger.take(MOVED, i))
+            self.ledger.hand_in(MOVED, i, pushed)
+        self.ledger.add(self.collision_term, i, (self.state.mass[i] * (v - kicked) - rubbed).dot(mean) - work)
+
+    @ti.func
+    def drive(self, i, begun, v, work):
+        """Book what moves a carried particle, on which forces did ``work`` [J]."""
+        self.ledger.add(self.drive_term, i, 0.5 * self.state.mass[i] * (v - begun).dot(v + begun) - work)
+
+    @ti.func
+    def stage(self, i, slot, weight, force):
+        """Book the forces at the state in ``slot``, for ``weight`` [s] of their power.
+
+        Of all the ``force`` [N] on the particle the part that loses energy is returned.
+        """
+        v = self.state.v[slot, i]
+        total = 0.0 * v
+        for k in ti.static(range(len(self.dissipating))):
+            lossy = self.dissipating[k].dissipation_on(i, slot)
+            total += lossy
+            self.ledger.add(self.terms[k], i, weight * lossy.dot(v))
+        if ti.static(self.carries):
+            if self.state.inverse_mass[i] == 0.0:
+                self.ledger.add(self.drive_term, i, -weight * force.dot(v))
+        return total
+
+    @ti.func
+    def finish(self, i, begun, conservative, moved, free, v, dt):
+        """Book the end of a step whose forces :meth:`stage` booked.
+
+        It began with a velocity ``begun`` and would have ended with ``free``; colliders and carriers made that v
+        [m/s], and moved the particle by ``moved`` [m].
+        """
+        mean = 0.5 * (self.met(i, begun, v) + v)
+        if self.state.inverse_mass[i] > 0.0:
+            if ti.static(self.collides):
+                self.collide(i, conservative, moved - dt * (v - free), free, v, mean, dt)
+        elif ti.static(self.carries):
+            self.drive(i, begun, v, 0.0)

@@ -11,7 +11,9 @@ import taichi as ti
 from sandbox import runtime
 from sandbox.integrators.bookkeeping import Bookkeeping
 from sandbox.integrators.kick import DragKick, PlainKick
+from sandbox.integrators.preparation import Preparation
 from sandbox.integrators.schemes import SplittingScheme
+from sandbox.integrators.step_end import StepEnd
 from sandbox.parts import Parts
 from sandbox.state import SLICE, ParticleState
 
@@ -31,15 +33,12 @@ class KickDrift:
         self.laws = parts.laws
         self.slicing = [law for law in parts.laws if hasattr(law, "gather_slice")]
         self.evolving = [law for law in parts.laws if getattr(law, "changes", False)]
-        self.preparing = [part for part in [*parts.movers, *parts.laws] if hasattr(part, "prepare_end")]
+        self.preparation = Preparation(parts)
         self.slices = state.capacity // SLICE
-        self.colliders = parts.colliders
-        self.carriers = parts.carriers
+        self.end = StepEnd(state, parts, pinned)
         self.contact = parts.contact
         self.kick = DragKick(drag) if drag > 0.0 else PlainKick()
         self.books = [Bookkeeping(state, parts, self.kick, ledger) for ledger in parts.ledger]
-        # Colliders must not push a pinned particle; without colliders a pinned one feels nothing anyway.
-        self.guards_pinned = pinned and bool(parts.colliders)
         self.serial = serial
         self.vector = runtime.vector(state.dimension)
 
@@ -82,13 +81,7 @@ class KickDrift:
 
     @ti.kernel
     def _step_parallel(self, slot: int, decay: float, gain: float, dt: float, ahead: float, time: float):
-        for part in ti.static(self.preparing):
-            if ti.static(part.prepare_count > 0):
-                for k in range(part.prepare_count):
-                    part.prepare_at(k, slot, time, dt)
-            ti.loop_config(serialize=True)
-            for _ in range(1):
-                part.prepare_end(slot, time, dt)
+        self.preparation.begin(slot, time, dt)
         if ti.static(self.slicing):
             for index in range(self.slices):
                 self.step_slice(index, slot, decay, gain, dt, ahead)
@@ -126,7 +119,7 @@ class KickDrift:
             source = (slot + n) % 2
             if ti.static(self.contact):
                 source = slot
-            self._prepare(source, time + n * dt, step_dt)
+            self.preparation.begin(source, time + n * dt, step_dt)
             if ti.static(self.slicing):
                 for index in range(self.slices):
                     self.step_slice(index, source, step_decay, step_gain, step_dt, step_ahead)
@@ -136,15 +129,6 @@ class KickDrift:
             if ti.static(self.contact):
                 if n < steps:
                     self.contact[0].resolve_serial(1 - source, source, dt)
-
-    @ti.func
-    def _prepare(self, slot, time, dt):
-        """What parts must know of the whole state before the forces, one after the other."""
-        for part in ti.static(self.preparing):
-            if ti.static(part.prepare_count > 0):
-                for k in range(part.prepare_count):
-                    part.prepare_at(k, slot, time, dt)
-            part.prepare_end(slot, time, dt)
 
     @ti.func
     def step_slice(self, index, slot, decay, gain, dt, ahead):
@@ -166,13 +150,7 @@ class KickDrift:
         v = self.kick.apply(self.state.v[slot, i], a, decay, gain)
         start = self.state.x[slot, i]
         x = start + dt * v
-        if ti.static(not self.guards_pinned) or self.state.inverse_mass[i] > 0.0:
-            for collider in ti.static(self.colliders):
-                x, v = collider.resolve(i, start, x, v, dt)
-        for carrier in ti.static(self.carriers):
-            x, v = carrier.carry(i, start, x, v, dt)
-        for contact in ti.static(self.contact):
-            contact.watch(i, x)
+        x, v = self.end.meet(i, start, x, v, dt)
         for books in ti.static(self.books):
             books.enter(i, slot, force, x, v, decay, gain, dt)
         self.state.x[1 - slot, i] = x

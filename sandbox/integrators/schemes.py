@@ -1,8 +1,11 @@
 """Time integration schemes as data. None of them knows a force."""
 
+import math
 from dataclasses import dataclass
 
 from sandbox.scene.model import IntegratorName
+
+_EXACT = 1e-12
 
 
 @dataclass(frozen=True)
@@ -19,9 +22,112 @@ class SplittingScheme:
     """Fraction of the kick that comes before the drift."""
     damping_weight: float
     """Stable while h^2 K + ``damping_weight`` h C <= 4 M, the scheme's limit with damping matrix C."""
-    predicts_velocity: bool
+    predicts_velocity: bool = False
     """True where velocity-dependent forces need the velocity predicted to the time of the positions."""
 
+
+@dataclass(frozen=True)
+class RungeKuttaScheme:
+    """An explicit Runge-Kutta scheme of s stages, as its Butcher tableau; checked when it is made.
+
+    Raises ValueError where the tableau is not explicit, not consistent, or not of its order.
+    """
+
+    order: int
+    """Order of accuracy, 1 to 4."""
+    coupling: tuple[tuple[float, ...], ...]
+    """Row i: weights of the slopes of stages 0 to i - 1 in the state of stage i."""
+    weights: tuple[float, ...]
+    """Weights of the stages' slopes in the step."""
+
+    def __post_init__(self) -> None:
+        a, b, c = self.coupling, self.weights, self.nodes
+        if [len(row) for row in a] != list(range(len(b))):
+            raise ValueError("a stage of an explicit scheme uses the stages before it and no other")
+        inner = [sum(w * c[j] for j, w in enumerate(row)) for row in a]
+        conditions: dict[int, list[tuple[float, float]]] = {
+            1: [(sum(b), 1)],
+            2: [(_sum(b, c), 1 / 2)],
+            3: [(_sum(b, [k**2 for k in c]), 1 / 3), (_sum(b, inner), 1 / 6)],
+            4: [
+                (_sum(b, [k**3 for k in c]), 1 / 4),
+                (_sum(b, [k * s for k, s in zip(c, inner, strict=True)]), 1 / 8),
+                (_sum(b, [sum(w * c[j] ** 2 for j, w in enumerate(row)) for row in a]), 1 / 12),
+                (_sum(b, [sum(w * inner[j] for j, w in enumerate(row)) for row in a]), 1 / 24),
+            ],
+        }
+        for order in range(1, self.order + 1):
+            if not all(math.isclose(value, wanted, rel_tol=_EXACT) for value, wanted in conditions[order]):
+                raise ValueError(f"the tableau is not of order {order}")
+
+    @property
+    def nodes(self) -> tuple[float, ...]:
+        """Time of every stage in the step [1]."""
+        return tuple(float(sum(row)) for row in self.coupling)
+
+    @property
+    def stages(self) -> int:
+        """Number of stages: evaluations of the forces a step."""
+        return len(self.weights)
+
+    @property
+    def growth(self) -> tuple[float, ...]:
+        """Coefficients of z^0, z^1, ... of the factor R(z) by which a step multiplies y where y' = (z / h) y."""
+        powers = [[1.0] for _ in self.weights]  # of every stage's state
+        step = [1.0] + [0.0] * self.stages
+        for i, row in enumerate(self.coupling):
+            state = [1.0] + [0.0] * self.stages
+            for j, w in enumerate(row):
+                for k, value in enumerate(powers[j]):
+                    state[k + 1] += w * value
+            powers[i] = state[: i + 1]
+            for k, value in enumerate(powers[i]):
+                step[k + 1] += self.weights[i] * value
+        return tuple(step)
+
+    predicts_velocity = False
+
+
+@dataclass(frozen=True)
+class ImplicitScheme:
+    """The forces of the state at ``theta`` of the step, of whatever is reached at its end, solved for by Newton.
+
+    theta = 1 is implicit Euler, 1/2 the implicit midpoint rule: half a step of implicit Euler, then as much again.
+    """
+
+    order: int
+    """Order of accuracy."""
+    theta: float
+    """Where in the step the forces are taken [1]."""
+
+    predicts_velocity = False
+
+
+@dataclass(frozen=True)
+class ConstraintScheme:
+    """Implicit Euler solved spring by spring, colour by colour, with multipliers (XPBD)."""
+
+    order: int = 1
+    """Order of accuracy, once its iterations have converged."""
+
+    predicts_velocity = False
+
+
+@dataclass(frozen=True)
+class DescentScheme:
+    """Implicit Euler solved particle by particle, colour by colour (vertex block descent)."""
+
+    order: int = 1
+    """Order of accuracy, once its sweeps have converged."""
+
+    predicts_velocity = False
+
+
+def _sum(weights: tuple[float, ...], values: list[float] | tuple[float, ...]) -> float:
+    return float(sum(w * value for w, value in zip(weights, values, strict=True)))
+
+
+Scheme = SplittingScheme | RungeKuttaScheme | ImplicitScheme | ConstraintScheme | DescentScheme
 
 # Symplectic Euler: with one frequency, h^2 w^2 + 4 zeta w h <= 4, that is w h <= 2 (sqrt(1 + zeta^2) - zeta).
 #
@@ -29,7 +135,19 @@ class SplittingScheme:
 # given v + (h / 2) a with the last acceleration, exact to second order (Groot and Warren 1997, with
 # lambda = 1), which keeps the scheme of order 2 with damping. Setting x, v, and the prediction to
 # alternate in sign gives the limit h^2 w^2 + 8 zeta w h <= 4.
-SCHEMES: dict[IntegratorName, SplittingScheme] = {
-    IntegratorName.SYMPLECTIC_EULER: SplittingScheme(order=1, lead=1.0, damping_weight=2.0, predicts_velocity=False),
+#
+# The tableaux: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, section II.1.
+SCHEMES: dict[IntegratorName, Scheme] = {
+    IntegratorName.EXPLICIT_EULER: RungeKuttaScheme(order=1, coupling=((),), weights=(1.0,)),
+    IntegratorName.SYMPLECTIC_EULER: SplittingScheme(order=1, lead=1.0, damping_weight=2.0),
     IntegratorName.VELOCITY_VERLET: SplittingScheme(order=2, lead=0.5, damping_weight=4.0, predicts_velocity=True),
+    IntegratorName.MIDPOINT: RungeKuttaScheme(order=2, coupling=((), (0.5,)), weights=(0.0, 1.0)),
+    IntegratorName.HEUN: RungeKuttaScheme(order=2, coupling=((), (1.0,)), weights=(0.5, 0.5)),
+    IntegratorName.RK4: RungeKuttaScheme(
+        order=4, coupling=((), (0.5,), (0.0, 0.5), (0.0, 0.0, 1.0)), weights=(1 / 6, 1 / 3, 1 / 3, 1 / 6)
+    ),
+    IntegratorName.IMPLICIT_EULER: ImplicitScheme(order=1, theta=1.0),
+    IntegratorName.IMPLICIT_MIDPOINT: ImplicitScheme(order=2, theta=0.5),
+    IntegratorName.XPBD: ConstraintScheme(),
+    IntegratorName.VBD: DescentScheme(),
 }

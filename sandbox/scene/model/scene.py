@@ -15,8 +15,16 @@ from sandbox.scene.model.surroundings import Action, Contact, Wind
 class IntegratorName(StrEnum):
     """Time integration schemes, by the field's names."""
 
+    EXPLICIT_EULER = "explicit_euler"
     SYMPLECTIC_EULER = "symplectic_euler"
     VELOCITY_VERLET = "velocity_verlet"
+    MIDPOINT = "midpoint"
+    HEUN = "heun"
+    RK4 = "rk4"
+    IMPLICIT_EULER = "implicit_euler"
+    IMPLICIT_MIDPOINT = "implicit_midpoint"
+    XPBD = "xpbd"
+    VBD = "vbd"
 
 
 class Precision(StrEnum):
@@ -37,6 +45,31 @@ class Solver(Model):
         0.8, description='fraction of the stability limit that dt = "auto" takes'
     )
     precision: Precision = Field(Precision.F32, description="floating-point format of every field and kernel")
+    iterations: Annotated[int, Field(ge=1, le=100_000)] | None = Field(
+        None,
+        description="most Newton iterations a step of the implicit schemes (default 20); iterations a step of xpbd, "
+        "sweeps a step of vbd (default 10)",
+    )
+    linear_iterations: Annotated[int, Field(ge=1, le=100_000)] = Field(
+        400, description="most conjugate gradient iterations a Newton iteration"
+    )
+    tolerance: Positive = Field(
+        1e-4, description="residual, as a part of the step's impulses, at which the implicit schemes are done [1]"
+    )
+    chebyshev: Annotated[Real, Field(ge=0, lt=1)] = Field(
+        0.0, description="spectral radius that vbd's Chebyshev acceleration reckons with [1]; 0 is without"
+    )
+    accuracy: Annotated[Real, Field(gt=0, le=1)] = Field(
+        0.05,
+        description='relative error of the slowest deformation over its period that dt = "auto" of an implicit scheme '
+        "aims at [1]",
+    )
+    adapt: Literal["rescue"] | None = Field(
+        None, description='"rescue": a run that goes wrong returns to the last good picture and halves dt'
+    )
+    most_halvings: Annotated[int, Field(ge=1, le=40)] = Field(
+        8, description="how often a rescue may halve dt before the run stops after all"
+    )
 
 
 class Diagnostics(Model):
