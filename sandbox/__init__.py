@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from sandbox.headless import RunOptions, Summary, run
     from sandbox.scene.load import json_schema, load_scene, preset_paths, to_toml
     from sandbox.scene.model import Scene
-    from sandbox.simulation import Simulation, StabilityWarning
+    from sandbox.simulation import Simulation
+    from sandbox.step_size import StabilityWarning
 
 __version__ = "0.1.0"
 
@@ -55,7 +56,7 @@ _HOMES = {
     "Scene": "sandbox.scene.model",
     "SceneError": "sandbox.errors",
     "Simulation": "sandbox.simulation",
-    "StabilityWarning": "sandbox.simulation",
+    "StabilityWarning": "sandbox.step_size",
     "Summary": "sandbox.headless",
     "json_schema": "sandbox.scene.load",
     "load_scene": "sandbox.scene.load",

@@ -34,6 +34,8 @@ class Checkpoint:
     """Velocities that forces see [m/s]: ``velocities``, or the scheme's prediction of them."""
     arch: str
     precision: str
+    steps: tuple[float, ...] = ()
+    """The step taken now [s], and what its choice goes by; empty for what the scene says."""
     memory: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     """What parts remember beyond that, by name: rest lengths, amounts of gas, torn springs."""
 
@@ -52,6 +54,7 @@ def write(path: str | os.PathLike[str], checkpoint: Checkpoint) -> None:
             force_velocities=checkpoint.force_velocities,
             arch=np.array(checkpoint.arch),
             precision=np.array(checkpoint.precision),
+            steps=np.array(checkpoint.steps, dtype=np.float64),
             **memory,
         )
 
@@ -70,6 +73,7 @@ def read(path: str | os.PathLike[str]) -> Checkpoint:
                 force_velocities=np.asarray(data["force_velocities"], dtype=np.float64),
                 arch=str(data["arch"]),
                 precision=str(data["precision"]),
+                steps=tuple(float(value) for value in data["steps"]) if "steps" in data.files else (),
                 memory={
                     name.removeprefix(_MEMORY): np.asarray(data[name], dtype=np.float64)
                     for name in data.files

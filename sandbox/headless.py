@@ -109,7 +109,11 @@ class Summary:
     dt: float
     """Longest step [s]."""
     stable_dt: float | None
-    """Stability limit at the start [s]; None where nothing oscillates."""
+    """Stability limit at the start [s]; None where nothing oscillates, or the scheme has none."""
+    rescues: list[dict[str, Any]]
+    """Returns to the last good picture with half the step: when [s], the step since [s], and why."""
+    solver: dict[str, float]
+    """What the scheme says of its work: iterations a step, largest residual; empty for explicit ones."""
     real_time_factor: float
     """Simulated seconds a second of simulation, drawing and compilation apart."""
     energy_start: dict[str, float]
@@ -209,7 +213,7 @@ class _Recorder:
             raise SceneError(
                 f"{path}: is at {saved.time:g} s already, the run ends at {self.scene.duration:g} s; raise --seconds"
             )
-        self.simulation.set_state(saved.positions, saved.velocities, saved.time, saved.force_velocities, saved.memory)
+        self.simulation.resume(saved)
 
     def _open_renderer(self) -> tuple[Renderer, ParticleValues | None]:
         appearance = self.simulation.assembly.appearance
@@ -309,6 +313,8 @@ class _Recorder:
             threads=self.options.threads,
             dt=simulation.dt,
             stable_dt=self.stable_dt if math.isfinite(self.stable_dt) else None,
+            rescues=[asdict(rescue) for rescue in simulation.rescues],
+            solver=simulation.solver_report(),
             real_time_factor=self._real_time_factor(),
             energy_start=_energies(self.first.energy),
             energy_end=_energies(simulation.energy()),

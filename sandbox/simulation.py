@@ -2,7 +2,6 @@
 
 import math
 import os
-import warnings
 from typing import Any
 
 import numpy as np
@@ -17,22 +16,11 @@ from sandbox.pipeline import MOST_NEIGHBOURS, Memory, Pipeline, build_pipeline, 
 from sandbox.postmortem import Failure, describe
 from sandbox.scene.assemble import assemble
 from sandbox.scene.model import Scene
+from sandbox.start import check_start
 from sandbox.state import ParticleState
+from sandbox.step_size import EnergyWatch, Rescue, StepSize
 
 FloatArray = NDArray[np.float64]
-
-LONGEST_AUTO_DT = 1.0 / 240.0
-"""Step that dt = "auto" takes where stability would allow a longer one [s]: contact wants to be seen in time."""
-
-
-MOST_STEPS = 1e6
-"""Most steps between two pictures; a scene that needs more would seem to hang."""
-_COARSEST = 0.01
-"""Most of the shortest spring that rounding may take from a coordinate [1]."""
-
-
-class StabilityWarning(UserWarning):
-    """A fixed step is longer than the scheme can take in this scene."""
 
 
 class Simulation:
@@ -76,16 +64,15 @@ class Simulation:
         self._first_memory: Memory = {}
         self._neighbours = first_neighbours(self.assembly)
         self._measurement: Measurement | None = None
-        self._check_start()
-        self.initial_stable_dt = limits.stable_step(self.scheme, self._network, self.assembly.positions, scene.duration)
+        check_start(self.assembly, self.precision)
+        self._steps = StepSize(self.scheme, self.assembly, self._network)
+        self.initial_stable_dt = self._steps.limit
         """Stability limit of the scheme in the shape that the scene starts with [s]."""
-        self.dt = self._choose_dt(self.initial_stable_dt)
+        self.dt = self._steps.chosen
         """Longest step that is taken [s]; every call divides its time into equal steps of at most this."""
-        if self.dt * scene.render.fps * MOST_STEPS < 1.0:
-            raise SceneError(
-                f"solver.dt: {self.dt:.3g} s makes {1.0 / (self.dt * scene.render.fps):.3g} steps a picture, more than "
-                f"{MOST_STEPS:g}: soften or densify the stiffest body, or raise render.fps"
-            )
+        self._watch = EnergyWatch.of(self.assembly) if scene.solver.adapt is not None else None
+        self.rescues: list[Rescue] = []
+        """Returns to the last good picture so far; only with solver.adapt = "rescue"."""
         self._wake()
 
     # -- stepping ---------------------------------------------------------------------------------
@@ -99,17 +86,26 @@ class Simulation:
             raise SceneError(f"advance({seconds}): must be a time >= 0 in seconds")
         if seconds == 0.0:
             return
-        steps, dt = self._divide(seconds)
-        between_checks = max(1, round(1.0 / (self.scene.render.fps * dt)))
-        start = self.time
-        for done in range(0, steps, between_checks):
-            self._advance_checked(min(between_checks, steps - done), dt)
-            self.time = start + min(done + between_checks, steps) * dt
-        self.time = start + seconds
+        end = self.time + seconds
+        while not self._advance_evenly(end - self.time):
+            pass
+        self.time = end
 
     def step_frame(self) -> None:
         """Simulate the time of one picture, 1 / render.fps."""
         self.advance(1.0 / self.scene.render.fps)
+
+    def _advance_evenly(self, seconds: float) -> bool:
+        """Simulate ``seconds`` [s] in equal steps. False where the step was changed on the way: there is time left."""
+        steps, dt = self._divide(seconds)
+        between_checks = max(1, round(1.0 / (self.scene.render.fps * dt)))
+        start, longest = self.time, self.dt
+        for done in range(0, steps, between_checks):
+            self._advance_checked(min(between_checks, steps - done), dt)
+            self.time = start + min(done + between_checks, steps) * dt
+            if self.dt != longest and done + between_checks < steps:
+                return False
+        return True
 
     def _divide(self, seconds: float) -> tuple[int, float]:
         ratio = seconds / self.dt
@@ -120,6 +116,7 @@ class Simulation:
 
     def _advance_checked(self, steps: int, dt: float) -> None:
         pipeline = self._wake()
+        before = self.measure() if self._watch is not None else None
         pipeline.keep()
         pipeline.stepper.advance(steps, dt, self.time)
         self._measurement = None
@@ -127,8 +124,24 @@ class Simulation:
             pipeline.restore()
             self._widen_contact()
             self._advance_checked(steps, dt)
-        elif self._out_of_bounds(self.measure()) or pipeline.alarm():
-            raise self._diverged(steps, dt)
+            return
+        alarm = pipeline.alarm()
+        gained = self._watch is not None and self._watch.is_suspicious(before, self.measure())
+        if alarm or gained or self._out_of_bounds(self.measure()):
+            self._rescue(steps, dt, self._diverged(steps, dt))
+            return
+        self.dt = self._steps.refreshed(
+            self.dt, self.measure(), lambda: network_of(self.assembly, pipeline.memory()), lambda: self._read()[0]
+        )
+
+    def _rescue(self, steps: int, dt: float, error: DivergedError) -> None:
+        """Go on from the last good state with half the step, if the scene wants that; else raise the error."""
+        solver = self.scene.solver
+        if solver.adapt is None or len(self.rescues) >= solver.most_halvings:
+            raise error
+        self.dt = 0.5 * dt
+        self.rescues.append(Rescue(time=self.time, dt=self.dt, reason=str(error)))
+        self._advance_checked(2 * steps, self.dt)
 
     def _widen_contact(self) -> None:
         """Build everything again with room for twice as many neighbours."""
@@ -233,6 +246,7 @@ class Simulation:
         pipeline.set_time(0.0)
         self._measurement = None
         self.time = 0.0
+        self.dt = self._steps.begin_again(self.dt)
 
     def measure(self) -> Measurement:
         """Energies, momenta, largest strain, speed and penetration of the state now."""
@@ -260,18 +274,10 @@ class Simulation:
         network = network_of(self.assembly, memory)
         return limits.stable_step(self.scheme, network, self._read()[0], self.scene.duration)
 
-    def _choose_dt(self, limit: float) -> float:
-        wanted = self.scene.solver.dt
-        if wanted == "auto":
-            return min(self.scene.solver.safety * limit, LONGEST_AUTO_DT)
-        if wanted > limit:
-            warnings.warn(
-                f"solver.dt = {wanted:.4g} s is above the stability limit {limit:.4g} s of "
-                f"{self.scene.solver.integrator} in this scene; expect it to diverge",
-                StabilityWarning,
-                stacklevel=3,
-            )
-        return float(wanted)
+    def solver_report(self) -> dict[str, float]:
+        """What an iterating scheme says of its work since the pipeline was built; empty for explicit schemes."""
+        stepper = self._wake().stepper
+        return stepper.report() if hasattr(stepper, "report") else {}
 
     def _out_of_bounds(self, measurement: Measurement) -> bool:
         bounds = self.scene.diagnostics
@@ -280,27 +286,6 @@ class Simulation:
             and measurement.max_strain <= bounds.max_strain
             and measurement.max_speed <= bounds.max_speed
         )
-
-    def _check_start(self) -> None:
-        bounds = self.scene.diagnostics
-        speed = float(np.linalg.norm(self.assembly.velocities, axis=1).max())
-        if speed > bounds.max_speed:
-            raise SceneError(f"diagnostics.max_speed: a body starts at {speed:.4g} m/s, above {bounds.max_speed:.4g}")
-        rest = self.assembly.spring_set.rest_lengths
-        rounding = float(
-            np.finfo("float64" if self.precision == "f64" else "float32").eps * np.abs(self.assembly.positions).max()
-        )
-        if (rest > 0.0).any() and rounding > _COARSEST * rest[rest > 0.0].min():
-            raise SceneError(
-                f"bodies: so far from the origin {self.precision} rounds coordinates to {rounding:.2g} m, too coarse "
-                f"for springs of {rest[rest > 0.0].min():.2g} m; move the scene nearer, or use solver.precision f64"
-            )
-        failure = Failure.of_state(self.assembly, self.assembly.positions, self.assembly.velocities)
-        if failure.strain > bounds.max_strain:
-            raise SceneError(
-                f"diagnostics.max_strain: {failure.element(self.assembly)} starts at strain {failure.strain:.4g}, "
-                f"above {bounds.max_strain:.4g}"
-            )
 
     def _diverged(self, steps: int, dt: float) -> DivergedError:
         """Find the first bad step by taking the last steps again, one by one; leave the last good state."""
@@ -344,6 +329,7 @@ class Simulation:
                 force_velocities=self.force_velocities(),
                 arch=settings.arch,
                 precision=settings.precision,
+                steps=(self.dt, *self._steps.memory()),
                 memory=self.memory,
             ),
         )
@@ -353,8 +339,15 @@ class Simulation:
         """The simulation of a checkpoint. Raises SceneError where the file is none."""
         saved = checkpoint.read(path)
         simulation = cls(saved.scene, arch=arch or saved.arch, precision=saved.precision, threads=threads)
-        simulation.set_state(saved.positions, saved.velocities, saved.time, saved.force_velocities, saved.memory)
+        simulation.resume(saved)
         return simulation
+
+    def resume(self, saved: checkpoint.Checkpoint) -> None:
+        """Go on from a checkpoint of a scene with the same bodies; with the same solver, with its step too."""
+        self.set_state(saved.positions, saved.velocities, saved.time, saved.force_velocities, saved.memory)
+        if saved.steps and saved.scene.solver == self.scene.solver:
+            self.dt = saved.steps[0]
+            self._steps.remember(saved.steps[1:])
 
     def suspend(self) -> None:
         """Leave Taichi, keeping the state; the next use builds everything again."""

@@ -5,8 +5,8 @@ the current shape, C the damping matrix, and w belongs to the scheme. The larges
 by Lanczos iteration with products over springs and faces; no matrix is built.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -161,32 +161,87 @@ class _Operator:
         return result
 
 
+def has_modes(network: SpringNetwork) -> bool:
+    """Whether anything can oscillate."""
+    springs = bool(network.inverse_masses[network.springs].any())
+    return springs or (network.gas is not None and bool(network.inverse_masses[network.gas.faces].any()))
+
+
 def stable_step(network: SpringNetwork, positions: FloatArray, damping_weight: float) -> float:
     """Largest stable step h [s] of a splitting scheme; infinity where nothing oscillates.
 
     ``damping_weight`` w is the scheme's, see :mod:`sandbox.integrators.schemes`. The answer errs on
     the short side by at most some 1e-4 of itself.
     """
-    springs = bool(network.inverse_masses[network.springs].any())
-    if not springs and (network.gas is None or not network.inverse_masses[network.gas.faces].any()):
+
+    def of_mode(kappa: float, gamma: float) -> float:
+        total = damping_weight * gamma
+        return np.inf if kappa + total <= 0.0 else float(8.0 / (total + np.sqrt(total**2 + 16.0 * kappa)))
+
+    step = step_of_top_mode(network, positions, damping_weight, of_mode)
+    # Gas has no bound that holds in any shape.
+    return step if network.gas is not None or step == np.inf else max(step, row_sum_step(network, damping_weight))
+
+
+def step_of_top_mode(
+    network: SpringNetwork, positions: FloatArray, damping_weight: float, of_mode: Callable[[float, float], float]
+) -> float:
+    """The step h [s] that ``of_mode`` gives for the mode with the largest h^2 kappa + w h gamma; infinity if none.
+
+    kappa [1/s^2] and gamma [1/s] are the mode's stiffness and damping for unit mass.
+    """
+    if not has_modes(network):
         return np.inf
     operator = _Operator(network, positions)
-    damped = bool(network.damping.any())
+    springs = bool(network.inverse_masses[network.springs].any())
     step = row_sum_step(network, damping_weight) if springs else 1.0
     start = np.random.default_rng(0).standard_normal(operator.shape) * (operator.scale > 0.0)
-    for _ in range(_MOST_UPDATES if damped else 1):
+    for _ in range(_MOST_UPDATES if network.damping.any() else 1):
         stiffness_part, damping_part, residual, start = _largest(operator, step, damping_weight, start)
-        # With this mode, h^2 kappa + w h gamma = 4; the residual bounds what the mode may still miss.
-        kappa, gamma = stiffness_part + residual / step**2, damping_weight * damping_part
-        if kappa + gamma <= 0.0:
+        # The residual bounds what the mode may still miss.
+        refined = of_mode(stiffness_part + residual / step**2, damping_part)
+        if not np.isfinite(refined):
             return np.inf
-        refined = 8.0 / (gamma + np.sqrt(gamma**2 + 16.0 * kappa))
         change = abs(refined - step)
-        step = float(refined)
+        step = refined
         if change <= _ACCURACY * step:
             break
-    # Gas has no bound that holds in any shape.
-    return step if network.gas is not None else max(step, row_sum_step(network, damping_weight))
+    return step
+
+
+def sampled_modes(network: SpringNetwork, positions: FloatArray, count: int = 40) -> tuple[FloatArray, FloatArray]:
+    """Stiffness kappa [1/s^2] and damping gamma [1/s], for unit mass, of modes all over the spectrum, each (M,).
+
+    Ritz pairs of a Lanczos iteration: the ends of the spectrum are met first, what lies between is a sample.
+    """
+    operator = _Operator(network, positions)
+    start = np.random.default_rng(1).standard_normal(operator.shape) * (operator.scale > 0.0)
+    basis = [start / np.linalg.norm(start)]
+    for _ in range(min(count, start.size) - 1):
+        image = operator.product(basis[-1], 1.0, 0.0)
+        scale = float(np.linalg.norm(image))
+        for _ in range(2):  # orthogonal to all of the others, not in exact arithmetic alone
+            for vector in basis:
+                image -= (image * vector).sum() * vector
+        length = float(np.linalg.norm(image))
+        if length <= 1e-9 * scale or scale == 0.0:
+            break
+        basis.append(image / length)
+    space = np.array([vector.ravel() for vector in basis])
+    stiff, damped = (
+        space @ np.array([operator.product(vector, *factors).ravel() for vector in basis]).T
+        for factors in ((1.0, 0.0), (0.0, 1.0))
+    )
+    kappa, modes = np.linalg.eigh(0.5 * (stiff + stiff.T))
+    return np.clip(kappa, 0.0, None), np.clip(np.einsum("im,ij,jm->m", modes, damped, modes), 0.0, None)
+
+
+def stiffness_products(network: SpringNetwork, positions: FloatArray, moved: FloatArray) -> FloatArray:
+    """Stiffness times displacements [N], both of shape (M, N, d), at given positions; pinned particles feel nothing."""
+    free = network.inverse_masses > 0.0
+    unit = replace(network, inverse_masses=free.astype(float))
+    operator = _Operator(unit, positions)
+    return np.array([operator.product(u, 1.0, 0.0) for u in moved])
 
 
 def row_sum_step(network: SpringNetwork, damping_weight: float) -> float:
