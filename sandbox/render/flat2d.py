@@ -10,6 +10,7 @@ from sandbox.render import colliders2d, palette, paper2d, raster2d, tiles, verti
 from sandbox.render.arrays import upload, zeros
 from sandbox.render.camera import frame_2d
 from sandbox.render.colliders import grid_spacing
+from sandbox.render.skin import body_offsets, outline_corners
 from sandbox.render.tearing import Tearing
 from sandbox.render.types import vec2, vec3, vec4
 from sandbox.render.view import TILE
@@ -52,6 +53,7 @@ class FlatPainter:
             ]
         )
         self._create_rounds(appearance, size)
+        self._create_corners(appearance, size)
         self._create_buffers(size)
         self._create_paper(appearance, size)
 
@@ -78,6 +80,16 @@ class FlatPainter:
         self._round_radius = upload(np.concatenate(radii), ti.f32)
         self._round_body = upload(np.concatenate(bodies), ti.i32)
         self._round_shade = upload(np.concatenate(shades), ti.f32)
+
+    def _create_corners(self, appearance: Appearance, size: tuple[int, int]) -> None:
+        """Particles of outlines that are drawn a contact radius outside of where they are."""
+        corners, bodies = outline_corners(appearance)
+        # The line's outer edge is where others meet the body.
+        radius = body_offsets(appearance)[bodies] * self.camera.scale - OUTLINE_WIDTH / 2 * size[1]
+        is_pushed = radius > 0.0
+        self._corner_count = int(np.count_nonzero(is_pushed))
+        self._corners = upload(corners[is_pushed], ti.i32)
+        self._corner_radius = upload(radius[is_pushed], ti.f32)
 
     def _create_buffers(self, size: tuple[int, int]) -> None:
         width, height = size
@@ -138,6 +150,8 @@ class FlatPainter:
         if self._screen.shape[0] != particle_count:
             self._screen, self._values = ti.ndarray(vec2, particle_count), zeros(ti.f32, particle_count)
         raster2d.place_points(positions, slot, self._view, self._screen)
+        if self._corner_count:
+            raster2d.push_outline(positions, slot, self._corners, self._corner_radius, self._view, self._screen)
         if self._by_value:
             vertices.copy_values(values, value_scale, self._values)
         if self._moving:

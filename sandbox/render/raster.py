@@ -2,6 +2,7 @@
 
 import taichi as ti
 
+from sandbox.render.light import LIGHT_TILE
 from sandbox.render.types import Floats, Ints, Ints2, Points, Samples, vec2
 from sandbox.render.view import (
     BLOCK,
@@ -9,7 +10,6 @@ from sandbox.render.view import (
     FOCAL,
     FORWARD,
     LIGHT,
-    LIGHT_TILE,
     LIGHT_U,
     LIGHT_V,
     MOVING,
@@ -87,9 +87,10 @@ def mark_tiles(tiles: ti.template(), x0, x1, y0, y1, side: ti.template()):
 @ti.func
 def mark_shadow(light_tiles: ti.template(), u0, u1, v0, v1):
     """Mark the tiles of the shadow map within the widest penumbra of a rectangle of texels."""
-    last = light_tiles.shape[0] * LIGHT_TILE - 1
     low_u, low_v = ti.max(u0 - LIGHT_TILE, 0), ti.max(v0 - LIGHT_TILE, 0)
-    mark_tiles(light_tiles, low_u, ti.min(u1 + LIGHT_TILE, last), low_v, ti.min(v1 + LIGHT_TILE, last), LIGHT_TILE)
+    high_u = ti.min(u1 + LIGHT_TILE, light_tiles.shape[1] * LIGHT_TILE - 1)
+    high_v = ti.min(v1 + LIGHT_TILE, light_tiles.shape[0] * LIGHT_TILE - 1)
+    mark_tiles(light_tiles, low_u, high_u, low_v, high_v, LIGHT_TILE)
 
 
 @ti.func
@@ -221,11 +222,24 @@ def is_near_segment(p, axis, reach):
 
 
 @ti.func
+def in_front(p, other, eye, forward, least):
+    """p, or where the way from there to `other` comes to lie `least` in front of the eye [m]."""
+    depth, ahead = (p - eye).dot(forward), (other - eye).dot(forward)
+    part = 0.0
+    if depth < least and ahead > least:
+        part = (least - depth) / (ahead - depth)
+    return p + (other - p) * part
+
+
+@ti.func
 def cover_screen_round(a, b, radius, identity, view: ti.template(), samples: ti.template(), tiles: ti.template()):
     """Enter a capsule into the samples that its ray-cast image covers."""
     eye, forward = at3(view, EYE), at3(view, FORWARD)
-    pa, pb = project(view, a), project(view, b)
-    nearest = ti.min((a - eye).dot(forward), (b - eye).dot(forward)) - radius
+    # What reaches behind the eye is looked for where the rest of it is.
+    near_a = in_front(a, b, eye, forward, 2.0 * radius + view[NEAR])
+    near_b = in_front(b, a, eye, forward, 2.0 * radius + view[NEAR])
+    pa, pb = project(view, near_a), project(view, near_b)
+    nearest = ti.min((near_a - eye).dot(forward), (near_b - eye).dot(forward)) - radius
     if nearest > view[NEAR]:
         grow = 1.15 * view[FOCAL] * radius / nearest + 1.0
         x0 = ti.max(ti.floor(ti.min(pa.x, pb.x) - grow, ti.i32), 0)

@@ -13,6 +13,8 @@ SAMPLES = 8
 SAMPLE_X = (0.0625, -0.0625, 0.3125, -0.1875, -0.3125, -0.4375, 0.1875, 0.4375)
 SAMPLE_Y = (-0.1875, 0.1875, 0.0625, -0.3125, 0.3125, -0.0625, 0.4375, -0.4375)
 GROWTH = 1.0e-3
+FARTHEST = 1.5
+"""Distance by which a corner of an outline is moved outward, in radii, at most."""
 
 
 @ti.kernel
@@ -24,6 +26,31 @@ def place_points(positions: ti.template(), slot: ti.i32, view: Floats, screen: P
             view[MIDDLE_X] + (p[0] - view[CENTER_X]) * view[SCALE],
             view[MIDDLE_Y] - (p[1] - view[CENTER_Y]) * view[SCALE],
         )
+
+
+@ti.func
+def point_at(positions: ti.template(), slot, i):
+    """First two coordinates of a particle [m]."""
+    p = ti.cast(positions[slot, i], ti.f32)
+    return vec2(p[0], p[1])
+
+
+@ti.kernel
+def push_outline(positions: ti.template(), slot: ti.i32, corners: Ints, radius: Floats, view: Floats, screen: Points2):
+    """Move the particles of outlines outward by their radius [pixels].
+
+    A corner is the particle before it, its own, and the one after it, with the body to the left.
+    """
+    for k in range(radius.shape[0]):
+        i = corners[3 * k + 1]
+        p = point_at(positions, slot, i)
+        one, two = p - point_at(positions, slot, corners[3 * k]), point_at(positions, slot, corners[3 * k + 2]) - p
+        # Both edges move out by the radius: the corner goes farther, but not without end where it is sharp.
+        along = one * (1.0 / ti.max(one.norm(), 1e-20)) + two * (1.0 / ti.max(two.norm(), 1e-20))
+        push = radius[k] * ti.min(2.0 / ti.max(along.norm(), 1e-6), FARTHEST)
+        along *= push / ti.max(along.norm(), 1e-20)
+        # Down in the picture is down in the world.
+        screen[i] += vec2(along.y, along.x)
 
 
 @ti.func

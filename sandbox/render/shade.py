@@ -5,13 +5,14 @@ import taichi as ti
 from sandbox.render.palette import ENCODE_MAX, ENCODE_SIZE
 from sandbox.render.raster import hit_capsule, identity_of, nearness_of, sample_key, sample_offset
 from sandbox.render.shadow import is_shadow_near, turn_at, visibility
-from sandbox.render.surface import SEEP_BELOW, jelly, solid
+from sandbox.render.surface import SEEP_ABOVE, SEEP_BELOW, jelly, smoothstep, solid
 from sandbox.render.types import (
     Floats,
     Image2,
     Image3,
     Ints,
     Ints2,
+    Keys,
     Picture3,
     Points,
     SampleDepths,
@@ -95,7 +96,7 @@ def triangle_surface(
     x,
     y,
 ):
-    """Point, normal, value and turning sense (negative: seen from outside) of a triangle at (x, y)."""
+    """Point, normal, normal of its plane, value and turning sense (< 0: seen from outside) of a triangle at (x, y)."""
     i, j, k = triangles[3 * t], triangles[3 * t + 1], triangles[3 * t + 2]
     a, b, c = screen[i], screen[j], screen[k]
     w = corner_weights(a, b, c, x, y)
@@ -104,7 +105,8 @@ def triangle_surface(
     value = 0.0
     if ti.static(by_value):
         value = values[value_of[i]] * w.x + values[value_of[j]] * w.y + values[value_of[k]] * w.z
-    return p, n, value, (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x)
+    face = (world[j] - world[i]).cross(world[k] - world[i]).normalized(1e-20)
+    return p, n, face, value, (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x)
 
 
 @ti.func
@@ -130,31 +132,31 @@ def body_surface(
     x,
     y,
 ):
-    """Point, normal, colour and look of what is drawn at (x, y)."""
-    p, n = vec3(0.0, 0.0, 0.0), vec3(0.0, 0.0, 0.0)
+    """Point, normal, normal of its plane, colour and look of what is drawn at (x, y)."""
+    p, n, face = vec3(0.0, 0.0, 0.0), vec3(0.0, 0.0, 0.0), vec3(0.0, 0.0, 0.0)
     body, look, value = 0, 0, 0.0
     if identity < ROUND_BIT:
         body = triangle_body[identity - 1]
         look = body_look[body]
-        q, m, v, turning = triangle_surface(
+        q, m, f, v, turning = triangle_surface(
             by_value, triangles, world, normal, screen, value_of, values, identity - 1, x, y
         )
-        p, n, value = q, m, v
+        p, n, face, value = q, m, f, v
         if look & OPEN != 0 and turning > 0.0:
-            n = -m
+            n, face = -m, -f
     else:
         i = identity - ROUND_BIT
         body = round_body[i]
         look = body_look[body]
         q, m, along = round_surface(round_start, round_end, round_radius, view, i, x, y)
-        p, n = q, m
+        p, n, face = q, m, m
         if ti.static(by_value):
             value = values[round_ends[2 * i]] * (1.0 - along) + values[round_ends[2 * i + 1]] * along
     albedo = at3(body_color, 3 * body)
     if ti.static(by_value):
         if look & SOLID == 0:
             albedo = colormap_at(colormap, value)
-    return p, n, albedo, look
+    return p, n, face, albedo, look
 
 
 @ti.func
@@ -213,6 +215,7 @@ def shade_tiles(
     depths: SampleDepths,
     shadow_map: Ints2,
     shadow_block: Ints2,
+    shadow_cells: Keys,
     ambient: Image3,
     key: Image3,
     place: Image3,
@@ -252,23 +255,29 @@ def shade_tiles(
                     identity = identity_of(samples[y, x, s])
                     if identity != before:
                         before = identity
-                        p, n, albedo, look = eye, light, vec3(0.0, 0.0, 0.0), 0
-                        at, tilt, shaded = place[y, x], slope[y, x], key[y, x].x > 0.0
+                        p, n, face, albedo, look = eye, light, light, vec3(0.0, 0.0, 0.0), 0
+                        at, tilt, shaded, depth = place[y, x], slope[y, x], key[y, x].x > 0.0, 1.0
                         if identity != 0:
                             dx, dy = 0.0, 0.0
                             if count == 4:
                                 dx, dy = sample_offset(s)
-                            p, n, albedo, look = body_surface(
+                            p, n, face, albedo, look = body_surface(
                                 by_value, triangles, triangle_body, body_look, body_color, world, normal, screen,
                                 value_of, round_start, round_end, round_radius, round_body, round_ends, values,
                                 colormap, view, identity, ti.cast(x, ti.f32) + 0.5 + dx, ti.cast(y, ti.f32) + 0.5 + dy,
                             )  # fmt: skip
-                            facing = light_slope(view, n)
+                            # Shadows fall on the plane of a facet: a smooth normal's would cut through it.
+                            facing = light_slope(view, face)
                             at = to_light(view, p + n * (1.0 / view[TEXELS]))
-                            tilt, shaded = vec2(facing.x, facing.y), facing.z > SEEP_BELOW
+                            tilt, shaded = vec2(facing.x, facing.y), ti.min(facing.z, n.dot(light)) > SEEP_BELOW
+                            # A facet that turns away shades itself wherever a smooth surface would not yet.
+                            depth = smoothstep(SEEP_BELOW, SEEP_ABOVE, facing.z)
                         seen = 1.0
                         if shaded and is_shadow_near(light_tiles, at):
-                            seen = visibility(shadow_map, shadow_block, view, disk, turn_at(disk, x, y), at, tilt)
+                            seen = visibility(
+                                shadow_map, shadow_block, shadow_cells, view, disk, turn_at(disk, x, y), at, tilt
+                            )
+                            seen = 1.0 - (1.0 - seen) * depth
                         if identity == 0:
                             color = ambient[y, x] + key[y, x] * seen
                         else:

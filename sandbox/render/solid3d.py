@@ -10,14 +10,16 @@ from numpy.typing import NDArray
 from sandbox.render import colliders, palette, raster, shade, statics, tiles, vertices
 from sandbox.render.arrays import upload, vectors, zeros
 from sandbox.render.camera import frame_3d
-from sandbox.render.light import SHADOW_SIZE, key_light
+from sandbox.render.light import LIGHT_TILE, LightFrame, key_light
 from sandbox.render.posing import PosedSolids
+from sandbox.render.seen import seen_points
 from sandbox.render.shadow import TABLE
+from sandbox.render.skin import build_skin, has_two_skins
 from sandbox.render.solids import Solid, build_solid
 from sandbox.render.tearing import Tearing
-from sandbox.render.topology import build_surface, value_particles
+from sandbox.render.topology import value_particles
 from sandbox.render.types import vec2, vec3, vec4
-from sandbox.render.view import BLOCK, LIGHT_TILE, OPEN, SOLID, TILE, view_constants
+from sandbox.render.view import BLOCK, CELL, MOVING, OPEN, SOLID, STILL, TILE, view_constants
 from sandbox.scene.appearance import Appearance
 from sandbox.scene.model import Camera, Collider, MeshCollider
 
@@ -32,7 +34,7 @@ class SolidPainter:
         built = [(collider, build_solid(collider, appearance.bounds)) for collider in appearance.colliders]
         solids = [(collider, solid) for collider, solid in built if solid is not None]
         self.camera = frame_3d(camera, appearance.bounds, size)
-        self.light = key_light(self.camera, appearance.bounds, [s.extent() for _, s in solids if s.is_casting])
+        self.light = self._fit_light(appearance, [solid for _, solid in solids if solid.is_casting])
         self.picture = np.zeros((size[1], size[0], 3), dtype=np.uint8)
         self._by_value = colormap is not None
         self._view = upload(view_constants(self.camera, self.light), ti.f32)
@@ -53,9 +55,16 @@ class SolidPainter:
         )
         self._values: Any = upload(np.zeros(1), ti.f32)
 
+    def _fit_light(self, appearance: Appearance, casting: Sequence[Solid]) -> LightFrame:
+        """The key light, and a shadow map that holds what there is to see of all shadows."""
+        extents = [solid.extent() for solid in casting]
+        seen = seen_points(self.camera, appearance.bounds, extents, appearance.colliders)
+        casters = [(solid.places(), float(solid.radius.max(initial=0.0))) for solid in casting]
+        return key_light(self.camera, appearance.bounds, casters, seen)
+
     def _create_bodies(self, appearance: Appearance) -> None:
         """Colours and looks of bodies, then of colliders that move."""
-        looks = np.where(appearance.body_two_sided, OPEN, 0)
+        looks = np.where(appearance.body_two_sided & ~has_two_skins(appearance), OPEN, 0)
         if appearance.triangle_springs is not None:
             # What tears shows its inside.
             looks[appearance.triangle_body[np.any(appearance.triangle_springs >= 0, axis=1)]] = OPEN
@@ -65,7 +74,8 @@ class SolidPainter:
 
     def _create_surface(self, appearance: Appearance) -> None:
         """Triangles of bodies, then of colliders that move."""
-        surface, moving = build_surface(appearance.triangles), self._moving
+        skin, moving = build_skin(appearance), self._moving
+        surface = skin.surface
         self._vertex_count = len(surface.points)
         corners = self._vertex_count + np.arange(moving.corner_count, dtype=np.int32)
         owners = len(appearance.body_colors) + moving.triangle_owner
@@ -75,7 +85,9 @@ class SolidPainter:
         self._ring = upload(surface.ring, ti.i32)
         self._ring_triangle = upload(surface.ring_triangle, ti.i32)
         self._triangles = upload(np.concatenate([surface.triangles, corners.reshape(-1, 3)]), ti.i32)
-        self._triangle_body = upload(np.concatenate([appearance.triangle_body, owners]), ti.i32)
+        self._triangle_body = upload(np.concatenate([skin.triangle_body, owners]), ti.i32)
+        self._is_thick = bool(np.any(skin.radius > 0.0))
+        self._vertex_radius = upload(skin.radius if self._is_thick else np.zeros(1), ti.f32)
         # Colliders show no values: any particle will do.
         self._value_of = upload(
             np.concatenate([value_particles(surface.points, appearance), np.zeros_like(corners)]), ti.i32
@@ -105,7 +117,7 @@ class SolidPainter:
     def _create_tearing(self, appearance: Appearance) -> None:
         self._tearing = Tearing(
             [
-                (appearance.triangle_springs, len(appearance.triangles)),
+                (appearance.triangle_springs, self._triangle_count - len(self._moving.triangle_owner)),
                 (None, len(self._moving.triangle_owner)),
                 (appearance.capsule_spring, len(appearance.capsules)),
                 (None, len(appearance.spheres) + self._moving.rod_count),
@@ -122,10 +134,11 @@ class SolidPainter:
         self._tiles, self._tiles_before = zeros(ti.i32, down, across), zeros(ti.i32, down, across)
         self._tile_list = ti.ndarray(ti.i32, across * down + 1)
         self._tile_reach = ti.ndarray(vec4, (down, across))
-        blocks, light_tiles = SHADOW_SIZE // BLOCK, SHADOW_SIZE // LIGHT_TILE
-        self._shadow_map, self._still_map = (zeros(ti.i32, SHADOW_SIZE, SHADOW_SIZE) for _ in range(2))
-        self._shadow_block, self._still_block = (zeros(ti.i32, blocks, blocks) for _ in range(2))
-        self._light_tiles = zeros(ti.i32, light_tiles, light_tiles)
+        across, down = self.light.size
+        self._shadow_map, self._still_map = (zeros(ti.i32, down, across) for _ in range(2))
+        self._shadow_block, self._still_block = (zeros(ti.i32, down // BLOCK, across // BLOCK) for _ in range(2))
+        self._shadow_cells, self._still_cells = (zeros(ti.i32, down // CELL, across // CELL, 2) for _ in range(2))
+        self._light_tiles = zeros(ti.i32, down // LIGHT_TILE, across // LIGHT_TILE)
 
     def _paint_statics(self, still: Sequence[Collider], meshes: Sequence[Solid], appearance: Appearance) -> None:
         """Cast what does not move once, and ask for the whole picture to be painted in the first frame."""
@@ -140,9 +153,11 @@ class SolidPainter:
             statics.cast_static_shadow(collider_rows, self._view, self._still_map, self._still_block, self._light_tiles)
             self._shadow_map.copy_from(self._still_map)
             self._shadow_block.copy_from(self._still_block)
+            tiles.bound_shadow(STILL, self._still_map, self._still_cells, self._light_tiles)
+            self._shadow_cells.copy_from(self._still_cells)
         statics.cast_static_picture(
             len(mesh) > 0, collider_rows, mesh_vertices[2], mesh_vertices[1], upload(mesh.triangle_owner, ti.i32),
-            upload(mesh.tints, ti.f32), self._view, float(SHADOW_SIZE), self._samples, self._depths,
+            upload(mesh.tints, ti.f32), self._view, *map(float, self.light.size), self._samples, self._depths,
             self._ambient, self._key, self._place, self._slope, self._tile_reach,
         )  # fmt: skip
         self._tiles.fill(0)
@@ -172,10 +187,12 @@ class SolidPainter:
         self._place_all(positions, slot, time)
         self._enter_all()
         tiles.choose_tiles(self._tiles, self._tiles_before, self._tile_list, self._tile_reach, self._light_tiles)
+        tiles.bound_shadow(MOVING, self._shadow_map, self._shadow_cells, self._light_tiles)
         self._shade()
         tiles.restore_shadow_map(
-            self._still_map, self._still_block, self._shadow_map, self._shadow_block, self._light_tiles
-        )
+            self._still_map, self._still_block, self._still_cells, self._shadow_map, self._shadow_block,
+            self._shadow_cells, self._light_tiles,
+        )  # fmt: skip
 
     def _copy_values(self, values: Any, scale: float) -> None:
         if self._values.shape != values.shape:
@@ -188,8 +205,9 @@ class SolidPainter:
             vertices.carry_points(positions, slot, self._carried_nodes, self._carried_weights, self._carried)
         if self._vertex_count:
             vertices.place_vertices(
-                self._has_carried, self._tearing.is_possible, positions, slot, self._carried, self._points,
-                self._ring_start, self._ring, self._ring_triangle, self._tearing.hidden, self._view, *self._vertices,
+                self._has_carried, self._tearing.is_possible, self._is_thick, positions, slot, self._carried,
+                self._points, self._vertex_radius, self._ring_start, self._ring, self._ring_triangle,
+                self._tearing.hidden, self._view, *self._vertices,
             )  # fmt: skip
         if self._body_round_count:
             vertices.place_rounds(positions, slot, self._placed_ends, *self._rounds)
@@ -215,8 +233,8 @@ class SolidPainter:
         world, normal, screen, _ = self._vertices
         shade.shade_tiles(
             self._by_value, len(self._moving) > 0, self._tile_list, self._tiles, self._light_tiles, self._samples,
-            self._depths, self._shadow_map, self._shadow_block, self._ambient, self._key, self._place, self._slope,
-            self._view, self._disk, self._table, self._triangles, self._triangle_body, self._body_look,
-            self._body_color, world, normal, screen, self._value_of, *self._rounds, self._round_radius,
-            self._round_body, self._round_ends, self._values, self._colormap, self.picture,
+            self._depths, self._shadow_map, self._shadow_block, self._shadow_cells, self._ambient, self._key,
+            self._place, self._slope, self._view, self._disk, self._table, self._triangles, self._triangle_body,
+            self._body_look, self._body_color, world, normal, screen, self._value_of, *self._rounds,
+            self._round_radius, self._round_body, self._round_ends, self._values, self._colormap, self.picture,
         )  # fmt: skip

@@ -48,14 +48,16 @@ class Solid:
         """Origin [m], shape (3,), and rotation matrix, shape (3, 3), at a time [s]."""
         return (self.origin, self.rotation) if self.motion is None else self.motion.pose(time)
 
+    def places(self) -> FloatArray:
+        """Corners, and ends of rods, wherever they come to [m], shape (count, 3)."""
+        points = np.concatenate([self.corners.reshape(-1, 3), self.ends.reshape(-1, 3)])
+        times = [0.0] if self.motion is None else _times(self.motion)
+        return np.concatenate([points @ rotation.T + place for place, rotation in map(self.pose, times)])
+
     def extent(self) -> FloatArray:
         """Lower and upper corner of all places that it comes to [m], shape (2, 3)."""
-        points = np.concatenate([self.corners.reshape(-1, 3), self.ends.reshape(-1, 3)])
-        grown = self.radius.max(initial=0.0)
-        times = [0.0] if self.motion is None else _times(self.motion)
-        placed = [points @ rotation.T + place for place, rotation in map(self.pose, times)]
-        low, high = np.min([p.min(axis=0) for p in placed], axis=0), np.max([p.max(axis=0) for p in placed], axis=0)
-        return np.array([low - grown, high + grown])
+        places, grown = self.places(), self.radius.max(initial=0.0)
+        return np.array([places.min(axis=0) - grown, places.max(axis=0) + grown])
 
 
 def build_solid(collider: Collider, bounds: FloatArray) -> Solid | None:

@@ -17,9 +17,9 @@ from sandbox.render.colliders import (
     TINT,
     WALL,
 )
+from sandbox.render.light import LIGHT_TILE
 from sandbox.render.raster import hit_capsule, identity_of, nearness_of, sample_key, sample_offset
 from sandbox.render.shade import corner_weights
-from sandbox.render.shadow import WIDEST
 from sandbox.render.surface import KEY, ambient_light, background, constant3, smoothstep, solid
 from sandbox.render.types import (
     Floats,
@@ -40,13 +40,13 @@ from sandbox.render.view import (
     EYE,
     LIGHT,
     LIGHT_ORIGIN,
-    LIGHT_TILE,
     LIGHT_U,
     LIGHT_V,
     MOVING,
     STILL,
     TEXELS,
     TILE,
+    TOP,
     at3,
     light_slope,
     ray,
@@ -208,16 +208,14 @@ def cast_static_shadow(rows: Floats, view: Floats, still_map: Ints2, still_block
     """Fill the shadow map with what does not move; planes cast nothing."""
     for v, u in ti.ndrange(still_map.shape[0], still_map.shape[1]):
         scale = 1.0 / view[TEXELS]
-        # High above: the map is a few of its own widths away from anything that matters.
-        top = ti.cast(still_map.shape[0], ti.f32) * scale * 4.0
         across = at3(view, LIGHT_U) * ((ti.cast(u, ti.f32) + 0.5) * scale)
         along = at3(view, LIGHT_V) * ((ti.cast(v, ti.f32) + 0.5) * scale)
-        origin = at3(view, LIGHT_ORIGIN) + across + along + at3(view, LIGHT) * top
+        origin = at3(view, LIGHT_ORIGIN) + across + along + at3(view, LIGHT) * view[TOP]
         # Meshes may be there already.
         height = ti.bit_cast(still_map[v, u], ti.f32)
         for i in range(rows.shape[0] // ROW):
             if ti.cast(rows[i * ROW + KIND], ti.i32) >= SPHERE:
-                height = ti.max(height, top - ti.min(hit_collider(rows, i, origin, -at3(view, LIGHT)), top))
+                height = ti.max(height, view[TOP] - ti.min(hit_collider(rows, i, origin, -at3(view, LIGHT)), view[TOP]))
         if height > 0.0:
             bits = ti.bit_cast(height, ti.i32)
             still_map[v, u] = bits
@@ -302,7 +300,8 @@ def cast_static_picture(
     mesh_owner: Ints,
     mesh_tints: Floats,
     view: Floats,
-    shadow_size: ti.f32,
+    shadow_width: ti.f32,
+    shadow_height: ti.f32,
     samples: Samples,
     depths: SampleDepths,
     ambient: Image3,
@@ -346,7 +345,8 @@ def cast_static_picture(
                 at, tilt = to_light(view, p), light_slope(view, normal)
                 ambient[y, x], key[y, x] = color * 0.25, light * 0.25
                 place[y, x], slope[y, x] = at, vec2(tilt.x, tilt.y)
-                inside = ti.min(at.x, at.y) > -WIDEST and ti.max(at.x, at.y) < shadow_size + WIDEST
+                # Nothing is shaded outside of the map.
+                inside = ti.min(at.x, at.y) > 0.0 and at.x < shadow_width and at.y < shadow_height
                 if light.x > 0.0 and inside:
                     reach = vec4(
                         ti.min(reach[0], at.x), ti.min(reach[1], at.y), ti.max(reach[2], at.x), ti.max(reach[3], at.y)

@@ -10,8 +10,8 @@ BOUNCE = (0.34, 0.32, 0.30)
 ZENITH = (0.42, 0.52, 0.66)
 HORIZON = (0.74, 0.775, 0.815)
 WRAP = 0.35
-SEEP_BELOW = 0.05
-"""Cosine to the light below which a body's own shadow has no effect."""
+SEEP_BELOW, SEEP_ABOVE = 0.05, 0.35
+"""Cosine to the light below which a body's own shadow has no effect, and above which all of it."""
 
 
 @ti.func
@@ -54,7 +54,7 @@ def jelly(albedo, normal, to_eye, light, lit, occlusion):
     """Light that leaves a soft body: wrapped diffuse, light through thin parts, two highlights, a Fresnel rim."""
     ndl, ndv = normal.dot(light), ti.max(normal.dot(to_eye), 0.0)
     # Past the terminator light still seeps through the body, where its own shadow says nothing.
-    seep = 1.0 - smoothstep(SEEP_BELOW, 0.35, ndl)
+    seep = 1.0 - smoothstep(SEEP_BELOW, SEEP_ABOVE, ndl)
     reached = lit + (1.0 - lit) * seep
     wrapped = ti.max((ndl + WRAP) / (1.0 + WRAP), 0.0)
     key = constant3(KEY)

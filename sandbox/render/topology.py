@@ -12,7 +12,7 @@ class Surface:
     """Triangles over the points that they use: particles, and past them carried points."""
 
     points: IntArray
-    """Point of every surface vertex, shape (vertex_count,)."""
+    """Point of every surface vertex, shape (vertex_count,); a sheet drawn with both sides has two at each."""
     triangles: IntArray
     """Vertices of every triangle, shape (triangle_count, 3)."""
     ring_start: IntArray
@@ -23,12 +23,17 @@ class Surface:
     """The triangles of the rings, shape (3 triangle_count,)."""
 
 
-def build_surface(triangles: IntArray) -> Surface:
-    """Compact the vertices of `triangles` (point indices, shape (triangle_count, 3)) and list their rings."""
+def build_surface(triangles: IntArray, point_count: int | None = None) -> Surface:
+    """Compact the vertices of `triangles` (point indices, shape (triangle_count, 3)) and list their rings.
+
+    Indices past `point_count`, where it is given, name the same points again, for vertices of their own.
+    """
     triangles = np.asarray(triangles, dtype=np.int32).reshape(-1, 3)
     points, inverse = np.unique(triangles, return_inverse=True)
     local = inverse.reshape(-1, 3).astype(np.int32)
     owner = local.ravel()
+    if point_count is not None:
+        points, triangles = points % point_count, triangles % point_count
     others = np.stack([np.roll(triangles, -1, axis=1), np.roll(triangles, -2, axis=1)], axis=-1).reshape(-1, 2)
     order = np.argsort(owner, kind="stable")
     counts = np.bincount(owner, minlength=len(points))

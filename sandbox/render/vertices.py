@@ -5,6 +5,9 @@ import taichi as ti
 from sandbox.render.types import Floats, Ints, Points, vec3
 from sandbox.render.view import project, to_light
 
+FARTHEST = 1.75
+"""Distance of a vertex from its point, in radii, at most: a little more than at the corner of a cube."""
+
 
 @ti.func
 def position3(positions: ti.template(), slot, i):
@@ -42,10 +45,12 @@ def carry_points(positions: ti.template(), slot: ti.i32, nodes: Ints, weights: F
 def place_vertices(
     has_carried: ti.template(),
     can_tear: ti.template(),
+    is_thick: ti.template(),
     positions: ti.template(),
     slot: ti.i32,
     carried: Points,
     points: Ints,
+    radius: Floats,
     ring_start: Ints,
     ring: Ints,
     ring_triangle: Ints,
@@ -56,20 +61,34 @@ def place_vertices(
     screen: Points,
     light: Points,
 ):
-    """World, screen and light coordinates of every surface vertex, and its normal from the triangles that are left."""
+    """World, screen and light coordinates of every surface vertex, and its normal from the triangles that are left.
+
+    Where `is_thick`, every vertex lies its `radius` [m] outside of its point.
+    """
     for i in range(points.shape[0]):
         p = point3(has_carried, positions, slot, carried, points[i])
-        n = vec3(0.0, 0.0, 0.0)
+        n, area, along = vec3(0.0, 0.0, 0.0), 0.0, vec3(0.0, 0.0, 0.0)
         for k in range(ring_start[i], ring_start[i + 1]):
             one = point3(has_carried, positions, slot, carried, ring[2 * k])
             two = point3(has_carried, positions, slot, carried, ring[2 * k + 1])
+            face = (one - p).cross(two - p)
             if ti.static(can_tear):
-                if hidden[ring_triangle[k]] == 0:
-                    n += (one - p).cross(two - p)
-            else:
-                n += (one - p).cross(two - p)
+                if hidden[ring_triangle[k]] != 0:
+                    face = vec3(0.0, 0.0, 0.0)
+            n += face
+            if ti.static(is_thick):
+                area += face.norm()
+                along += two - one
+        length = ti.sqrt(ti.max(n.dot(n), 1e-30))
+        n *= 1.0 / length
+        if ti.static(is_thick):
+            # Farther out at edges and corners, so that the faces beside them move out by the radius.
+            p += n * (radius[i] * ti.min(area / length, FARTHEST))
+            # Around a vertex inside of a surface the opposite edges add up to nothing; at a rim it is rounded outward.
+            if along.dot(along) > 1e-3 * area:
+                n = (n + n.cross(along.normalized())).normalized()
         world[i] = p
-        normal[i] = n * (1.0 / ti.sqrt(ti.max(n.dot(n), 1e-30)))
+        normal[i] = n
         screen[i] = project(view, p)
         light[i] = to_light(view, p)
 

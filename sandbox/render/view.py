@@ -10,10 +10,10 @@ from sandbox.render.types import vec3
 
 TILE = 16
 """Side of a tile of the picture [pixels]."""
-LIGHT_TILE = 32
-"""Side of a tile of the shadow map [texels]: at least the widest penumbra."""
 BLOCK = 4
 """Side of a block of the shadow map, whose highest caster is kept [texels]."""
+CELL = 16
+"""Side of a cell of the shadow map, whose lowest and highest height are known when it is read [texels]."""
 SAMPLE_X = (-0.125, 0.375, -0.375, 0.125)
 SAMPLE_Y = (-0.375, -0.125, 0.125, 0.375)
 """Rotated grid of four samples, relative to the pixel's centre [pixels]."""
@@ -26,8 +26,8 @@ MOVING, STILL = 1, 2
 """Bits of a tile of the shadow map near which something casts that moves, or that does not."""
 
 EYE, RIGHT, UP, FORWARD, FOCAL, CENTER, NEAR = 0, 3, 6, 9, 12, 13, 15
-LIGHT, LIGHT_U, LIGHT_V, LIGHT_ORIGIN, TEXELS = 18, 21, 24, 27, 30
-LENGTH = 32
+LIGHT, LIGHT_U, LIGHT_V, LIGHT_ORIGIN, TEXELS, TOP, FADE = 18, 21, 24, 27, 30, 31, 32
+LENGTH = 33
 
 
 def view_constants(camera: PinholeCamera, light: LightFrame) -> NDArray[np.float32]:
@@ -45,6 +45,8 @@ def view_constants(camera: PinholeCamera, light: LightFrame) -> NDArray[np.float
     constants[LIGHT_V : LIGHT_V + 3] = light.v_axis
     constants[LIGHT_ORIGIN : LIGHT_ORIGIN + 3] = light.origin
     constants[TEXELS] = light.texels_per_metre
+    constants[TOP] = light.top
+    constants[FADE] = light.fade
     return constants
 
 

@@ -60,3 +60,5 @@ class Appearance:
     """Spring along every outline edge, or -1, shape (edge_count,); None where nothing tears."""
     capsule_spring: IntArray | None = None
     """Spring of every capsule, or -1, shape (capsule_count,); None where nothing tears."""
+    body_radius: FloatArray | None = None
+    """Radius of every body's particles, by which it meets others [m], shape (body_count,); None: all 0."""

@@ -79,6 +79,7 @@ def build_appearance(
         triangle_springs=edge_springs(triangles, springs.ends) if tears else None,
         outline_spring=edge_springs(outline, springs.ends)[:, 0] if tears else None,
         capsule_spring=edge_springs(capsules, springs.ends)[:, 0] if tears else None,
+        body_radius=np.array([body.radius for body in scene.bodies]),
     )
 
 

@@ -55,6 +55,7 @@ def make_appearance() -> Callable[..., Appearance]:
             particle_count=parts.get("particle_count", int(max(used, default=-1)) + 1),
             carried_nodes=np.asarray(parts.get("carried_nodes", np.zeros((0, 1))), dtype=np.int32),
             carried_weights=np.asarray(parts.get("carried_weights", np.zeros((0, 1))), dtype=float),
+            body_radius=None if "body_radius" not in parts else np.asarray(parts["body_radius"], dtype=float),
             **{
                 name: None if parts.get(name) is None else np.asarray(parts[name], dtype=np.int32)
                 for name in ("triangle_springs", "outline_spring", "capsule_spring")

@@ -5,7 +5,6 @@ import pytest
 import taichi as ti
 
 from sandbox.render.colliders import plane_axes
-from sandbox.render.light import SHADOW_SIZE
 from sandbox.render.software import SoftwareRenderer
 from sandbox.render.solids import build_solid, corner_normals
 from sandbox.scene.model import (
@@ -160,8 +159,9 @@ def test_extent_holds_the_whole_swing():
 def test_the_shadow_map_holds_where_a_collider_goes(show):
     motion = (Keyframe(time=0.0), Keyframe(time=1.0, position=(2.4, 0.5, 0.0)))
     renderer, _ = show(SphereCollider(kind="sphere", position=(0.0, 0.5, 0.0), radius=0.2, motion=motion))
-    u, v, w = renderer._painter.light.locate(np.array([[2.6, 0.5, 0.0], [0.0, 0.5, 0.0]])).T
-    assert np.all((u > 0) & (u < SHADOW_SIZE) & (v > 0) & (v < SHADOW_SIZE) & (w > 0))
+    light = renderer._painter.light
+    u, v, w = light.locate(np.array([[2.6, 0.5, 0.0], [0.0, 0.5, 0.0]])).T
+    assert np.all((u > 0) & (u < light.size[0]) & (v > 0) & (v < light.size[1]) & (w > 0) & (w < light.top))
 
 
 def test_creases_stay_sharp_and_curves_smooth(cube):
