@@ -7,6 +7,7 @@ which step keeps the slowest deformation as true as was asked for.
 """
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +19,30 @@ from sandbox.stability import FloatArray, SpringNetwork
 
 GROWTH = 10.0
 """By how much the amplitude of a vibration may grow in a run before the step counts as unstable [1]."""
+_SWING = 1000.0
 _GRID = 4000
 _FINEST = 1e-9
 _RIGID = 1e-8
 """Stiffness of a deformation, relative to the stiffest, below which it is none but a motion of the whole."""
-_REFINEMENTS = 60
+_REFINEMENTS = 40
+_SAMPLES = 6
+_SETTLED = 0.98
+_MODE = 0.15
+"""Residual up to which an approximate mode counts [1]."""
+
+
+@dataclass(frozen=True)
+class Limit:
+    """The largest stable step of a scheme in a scene."""
+
+    step: float
+    """[s]; infinity where there is none."""
+    mode: FloatArray
+    """The vibration that is the first to grow beyond it: displacements of any length, shape (N, d)."""
+    frequency: float
+    """Its angular frequency, without damping [rad/s]."""
+    growth: float
+    """What it may grow by in a run and count as stable [1]: schemes with a sharp limit swing far just below it."""
 
 
 def stable_step(scheme: Scheme, network: SpringNetwork, positions: FloatArray, duration: float) -> float:
@@ -32,41 +52,93 @@ def stable_step(scheme: Scheme, network: SpringNetwork, positions: FloatArray, d
     """
     if isinstance(scheme, SplittingScheme):
         return stability.stable_step(network, positions, scheme.damping_weight)
+    return limit(scheme, network, positions, duration).step
+
+
+def limit(scheme: Scheme, network: SpringNetwork, positions: FloatArray, duration: float) -> Limit:
+    """The same with the mode that goes first."""
+    if isinstance(scheme, SplittingScheme):
+        return _splitting_limit(scheme, network, positions)
     if not isinstance(scheme, RungeKuttaScheme) or not stability.has_modes(network):
-        return np.inf
-    kappa, gamma = stability.sampled_modes(network, positions)
-    sampled = growth_step(scheme, kappa, gamma, duration)
-    top = stability.step_of_top_mode(
-        network, positions, 2.0, lambda k, g: growth_step(scheme, np.array([k]), np.array([g]), duration)
-    )
-    return min(sampled, top)
+        return Limit(np.inf, np.zeros_like(positions), 0.0, GROWTH)
+    return _growth_limit(scheme, network, positions, duration)
 
 
-def growth_step(scheme: RungeKuttaScheme, kappa: FloatArray, gamma: FloatArray, duration: float) -> float:
+def _growth_limit(scheme: RungeKuttaScheme, network: SpringNetwork, positions: FloatArray, duration: float) -> Limit:
+    """Of all modes the one that allows the shortest step.
+
+    Which one that is depends on stiffness and damping both, in a way of the scheme's own. It is approached by
+    samples of the spectrum of a K + b C, where a and b are the slopes of its growth by stiffness and damping.
+    """
+    best = Limit(np.inf, np.zeros_like(positions), 0.0, GROWTH)
+    stiff, damp = 1.0, 0.0
+    for _ in range(_SAMPLES):
+        modes = stability.sampled_modes(network, positions, stiff, damp)
+        # What is no mode yet may seem less damped than any is.
+        steps = [
+            growth_step(scheme, np.array([rate]), duration) if residual < _MODE else np.inf
+            for rate, residual in zip(modes.rates, modes.residuals, strict=True)
+        ]
+        first = int(np.argmin(steps))
+        if not steps[first] < best.step:
+            break
+        settled = steps[first] > _SETTLED * best.step
+        rate = complex(modes.rates[first])
+        best = Limit(steps[first], modes.shapes[first], abs(rate), GROWTH)
+        stiff, damp = _growth_slopes(scheme, abs(rate) ** 2, -2.0 * rate.real, steps[first])
+        if settled or not network.damping.any():
+            break
+    return best
+
+
+def _growth_slopes(scheme: RungeKuttaScheme, kappa: float, gamma: float, step: float) -> tuple[float, float]:
+    """How the logarithm of the growth in a step changes with h^2 kappa and with h gamma, for h^2 K and h C."""
+    z2, z = step**2 * kappa, step * gamma
+
+    def growth(stiff: float, damped: float) -> float:
+        root = np.emath.sqrt(damped**2 - 4.0 * stiff)
+        powers = scheme.growth[::-1]
+        factors = [complex(np.polyval(powers, (-damped + sign * root) / 2.0)) for sign in (1.0, -1.0)]
+        return math.log(max(map(abs, factors)) + 1e-300)
+
+    by_stiffness = (growth(1.001 * z2, z) - growth(0.999 * z2, z)) / (0.002 * z2) if z2 > 0.0 else 1.0
+    width = 1e-3 * max(z, math.sqrt(z2))
+    by_damping = (growth(z2, z + width) - growth(z2, max(z - width, 0.0))) / (width + min(width, z))
+    return step**2 * by_stiffness, step * by_damping
+
+
+def _splitting_limit(scheme: SplittingScheme, network: SpringNetwork, positions: FloatArray) -> Limit:
+    step = stability.stable_step(network, positions, scheme.damping_weight)
+    _, mode = stability.step_of_top_mode(network, positions, scheme.damping_weight, lambda *_: step)
+    return Limit(step, mode, stability.frequency_of(network, positions, mode), _SWING)
+
+
+def growth_step(scheme: RungeKuttaScheme, rates: NDArray[np.complex128], duration: float) -> float:
     """Largest step [s] at which no mode grows by more than GROWTH in ``duration`` [s].
 
-    Modes obey x'' + gamma x' + kappa x = 0, with kappa [1/s^2] and gamma [1/s] of shape (M,).
+    ``rates`` [1/s], shape (M,), are those of x = exp(rate t).
     """
-    root = np.sqrt(np.asarray(gamma**2 - 4.0 * kappa, dtype=complex))
-    rates = np.concatenate([(-gamma + root) / 2.0, (-gamma - root) / 2.0])
     rates = rates[np.abs(rates) > 0.0]
     if not len(rates):
         return np.inf
     powers = np.array(scheme.growth[::-1])
     most = math.log(GROWTH) / duration
 
-    def grows(step: float) -> bool:
+    def grow(steps: FloatArray) -> NDArray[np.bool_]:
         with np.errstate(divide="ignore"):
-            return bool((np.log(np.abs(np.polyval(powers, step * rates))) > most * step).any())
+            growth = np.log(np.abs(np.polyval(powers, steps[:, None] * rates)))
+        return np.asarray((growth > most * steps[:, None]).any(axis=1))
 
-    # No polynomial stays below 1 as far out as this.
-    farthest = 100.0 / float(np.abs(rates).max())
-    steps = farthest * np.geomspace(_FINEST, 1.0, _GRID)
-    first = next((k for k, step in enumerate(steps) if grows(step)), _GRID - 1)
+    # No polynomial stays below 1 as far out as this; but the run may be too short to see it.
+    steps = 100.0 / float(np.abs(rates).max()) * np.geomspace(_FINEST, 1.0, _GRID)
+    growing = grow(steps)
+    if not growing.any():
+        return np.inf
+    first = int(growing.argmax())
     low, high = (0.0 if first == 0 else steps[first - 1]), steps[first]
     for _ in range(_REFINEMENTS):
         middle = 0.5 * (low + high)
-        low, high = (low, middle) if grows(middle) else (middle, high)
+        low, high = (low, middle) if grow(np.array([middle]))[0] else (middle, high)
     return float(low)
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sandbox import checkpoint, limits, runtime, stability
 from sandbox.diagnostics import Energy, Measurement
 from sandbox.errors import DivergedError, SceneError
-from sandbox.integrators.kick_drift import SERIAL_WORK
+from sandbox.integrators.build import serial_work
 from sandbox.integrators.schemes import SCHEMES
 from sandbox.pipeline import MOST_NEIGHBOURS, Memory, Pipeline, build_pipeline, first_neighbours, network_of
 from sandbox.postmortem import Failure, describe
@@ -56,7 +56,7 @@ class Simulation:
         """Simulated time [s]."""
         self._settings = runtime.Settings(arch, precision or str(scene.solver.precision), threads, verbose)
         work = self.assembly.particle_count + 2 * self.assembly.spring_count
-        self.serial = (arch == "cpu" and work <= SERIAL_WORK) if serial is None else serial
+        self.serial = (arch == "cpu" and work <= serial_work(self.scheme)) if serial is None else serial
         self._network = network_of(self.assembly)
         self._pipeline: Pipeline | None = None
         self._asleep = (self.assembly.positions, self.assembly.velocities, self.assembly.velocities)
@@ -71,6 +71,8 @@ class Simulation:
         self.dt = self._steps.chosen
         """Longest step that is taken [s]; every call divides its time into equal steps of at most this."""
         self._watch = EnergyWatch.of(self.assembly) if scene.solver.adapt is not None else None
+        self.explains_failures = True
+        """Whether a blow-up is looked into step by step; studies that provoke them have no time for that."""
         self.rescues: list[Rescue] = []
         """Returns to the last good picture so far; only with solver.adapt = "rescue"."""
         self._wake()
@@ -128,7 +130,8 @@ class Simulation:
         alarm = pipeline.alarm()
         gained = self._watch is not None and self._watch.is_suspicious(before, self.measure())
         if alarm or gained or self._out_of_bounds(self.measure()):
-            self._rescue(steps, dt, self._diverged(steps, dt))
+            error = self._diverged(steps, dt) if self.explains_failures else self._given_up()
+            self._rescue(steps, dt, error)
             return
         self.dt = self._steps.refreshed(
             self.dt, self.measure(), lambda: network_of(self.assembly, pipeline.memory()), lambda: self._read()[0]
@@ -313,6 +316,12 @@ class Simulation:
         frequencies = stability.element_frequencies(self._network)
         message = describe(failure, self.assembly, time, dt, stable, frequencies, finite)
         return DivergedError(message, time=time, stable_dt=stable)
+
+    def _given_up(self) -> DivergedError:
+        """Leave the last good state, and ask nothing."""
+        self._wake().restore()
+        self._measurement = None
+        return DivergedError(f"diverged after t = {self.time:.6g} s", time=self.time, stable_dt=math.nan)
 
     # -- life ---------------------------------------------------------------------------------------
 

@@ -178,20 +178,21 @@ def stable_step(network: SpringNetwork, positions: FloatArray, damping_weight: f
         total = damping_weight * gamma
         return np.inf if kappa + total <= 0.0 else float(8.0 / (total + np.sqrt(total**2 + 16.0 * kappa)))
 
-    step = step_of_top_mode(network, positions, damping_weight, of_mode)
+    step, _ = step_of_top_mode(network, positions, damping_weight, of_mode)
     # Gas has no bound that holds in any shape.
     return step if network.gas is not None or step == np.inf else max(step, row_sum_step(network, damping_weight))
 
 
 def step_of_top_mode(
     network: SpringNetwork, positions: FloatArray, damping_weight: float, of_mode: Callable[[float, float], float]
-) -> float:
-    """The step h [s] that ``of_mode`` gives for the mode with the largest h^2 kappa + w h gamma; infinity if none.
+) -> tuple[float, FloatArray]:
+    """The step h [s] that ``of_mode`` gives for the mode with the largest h^2 kappa + w h gamma, and the mode.
 
-    kappa [1/s^2] and gamma [1/s] are the mode's stiffness and damping for unit mass.
+    kappa [1/s^2] and gamma [1/s] are the mode's stiffness and damping for unit mass. The mode is in displacements,
+    shape (N, d), of any length. Infinity and no displacement where nothing oscillates.
     """
     if not has_modes(network):
-        return np.inf
+        return np.inf, np.zeros_like(positions)
     operator = _Operator(network, positions)
     springs = bool(network.inverse_masses[network.springs].any())
     step = row_sum_step(network, damping_weight) if springs else 1.0
@@ -201,39 +202,65 @@ def step_of_top_mode(
         # The residual bounds what the mode may still miss.
         refined = of_mode(stiffness_part + residual / step**2, damping_part)
         if not np.isfinite(refined):
-            return np.inf
+            return np.inf, operator.scale * start
         change = abs(refined - step)
         step = refined
         if change <= _ACCURACY * step:
             break
-    return step
+    return step, operator.scale * start
 
 
-def sampled_modes(network: SpringNetwork, positions: FloatArray, count: int = 40) -> tuple[FloatArray, FloatArray]:
-    """Stiffness kappa [1/s^2] and damping gamma [1/s], for unit mass, of modes all over the spectrum, each (M,).
+@dataclass(frozen=True)
+class Modes:
+    """M approximate modes of damped vibration."""
 
-    Ritz pairs of a Lanczos iteration: the ends of the spectrum are met first, what lies between is a sample.
+    rates: NDArray[np.complex128]
+    """lambda, where a mode goes as exp(lambda t) [1/s], shape (M,); one of each complex pair."""
+    shapes: FloatArray
+    """Displacements, shape (M, N, d)."""
+    residuals: FloatArray
+    """What is left of (lambda^2 + lambda C + K) u, as a part of lambda^2 u [1], shape (M,): 0 for a true mode."""
+
+
+def sampled_modes(
+    network: SpringNetwork, positions: FloatArray, stiff: float = 1.0, damp: float = 0.0, count: int = 40
+) -> Modes:
+    """Modes from all over the spectrum of ``stiff`` K + ``damp`` C.
+
+    Those within the space of a Lanczos iteration: the ends of the spectrum are met first, the rest is a sample.
     """
     operator = _Operator(network, positions)
     start = np.random.default_rng(1).standard_normal(operator.shape) * (operator.scale > 0.0)
-    basis = [start / np.linalg.norm(start)]
-    for _ in range(min(count, start.size) - 1):
-        image = operator.product(basis[-1], 1.0, 0.0)
+    basis = [start.ravel() / np.linalg.norm(start)]
+    images: list[list[FloatArray]] = []
+    while len(images) < min(count, start.size):
+        vector = basis[-1].reshape(operator.shape)
+        images.append([operator.product(vector, *factors).ravel() for factors in ((1.0, 0.0), (0.0, 1.0))])
+        image = stiff * images[-1][0] + damp * images[-1][1]
         scale = float(np.linalg.norm(image))
+        space = np.array(basis)
         for _ in range(2):  # orthogonal to all of the others, not in exact arithmetic alone
-            for vector in basis:
-                image -= (image * vector).sum() * vector
+            image -= space.T @ (space @ image)
         length = float(np.linalg.norm(image))
         if length <= 1e-9 * scale or scale == 0.0:
             break
         basis.append(image / length)
-    space = np.array([vector.ravel() for vector in basis])
-    stiff, damped = (
-        space @ np.array([operator.product(vector, *factors).ravel() for vector in basis]).T
-        for factors in ((1.0, 0.0), (0.0, 1.0))
-    )
-    kappa, modes = np.linalg.eigh(0.5 * (stiff + stiff.T))
-    return np.clip(kappa, 0.0, None), np.clip(np.einsum("im,ij,jm->m", modes, damped, modes), 0.0, None)
+    space = np.array(basis[: len(images)])
+    stiffness, damping = (space @ np.array([pair[part] for pair in images]).T for part in (0, 1))
+    # The motion within the space of the samples: x'' + C x' + K x = 0 as a system of first order.
+    none, size = np.zeros_like(stiffness), len(space)
+    rates, vectors = np.linalg.eig(np.block([[none, np.eye(size)], [-stiffness, -damping]]))
+    chosen = rates.imag >= 0.0
+    moved = vectors[:size, chosen].T
+    # A mode's parts need not swing in step; the instant at which most of it moves stands for it.
+    turned = moved * np.exp(-0.5j * np.angle((moved**2).sum(axis=1)))[:, None]
+    shapes = operator.scale * (turned.real @ space).reshape(-1, *operator.shape)
+    rates = np.minimum(rates[chosen].real, 0.0) + 1j * rates[chosen].imag
+    left = rates[:, None] * (moved @ np.array([pair[1] for pair in images])) + moved @ np.array([p[0] for p in images])
+    left += (rates**2)[:, None] * (moved @ space)
+    whole = np.abs(rates) ** 2 * np.linalg.norm(moved, axis=1)
+    residuals = np.divide(np.linalg.norm(left, axis=1), whole, out=np.full(len(rates), np.inf), where=whole > 0.0)
+    return Modes(rates, shapes, residuals)
 
 
 def stiffness_products(network: SpringNetwork, positions: FloatArray, moved: FloatArray) -> FloatArray:
@@ -242,6 +269,14 @@ def stiffness_products(network: SpringNetwork, positions: FloatArray, moved: Flo
     unit = replace(network, inverse_masses=free.astype(float))
     operator = _Operator(unit, positions)
     return np.array([operator.product(u, 1.0, 0.0) for u in moved])
+
+
+def frequency_of(network: SpringNetwork, positions: FloatArray, mode: FloatArray) -> float:
+    """Angular frequency of a mode of vibration, shape (N, d), by Rayleigh's quotient [rad/s]."""
+    masses = np.divide(1.0, network.inverse_masses, out=np.zeros(len(mode)), where=network.inverse_masses > 0.0)
+    inertia = float((masses[:, None] * mode**2).sum())
+    stiffness = float((stiffness_products(network, positions, mode[None])[0] * mode).sum())
+    return float(np.sqrt(max(stiffness, 0.0) / inertia)) if inertia > 0.0 else 0.0
 
 
 def row_sum_step(network: SpringNetwork, damping_weight: float) -> float:

@@ -1,0 +1,1 @@
+"""What settings cost and what they are worth: limits, errors, times."""
