@@ -12,7 +12,7 @@ import typer
 from sandbox import __version__
 from sandbox.errors import SandboxError, SceneError
 from sandbox.scene.load import find_scene, json_schema, parse_assignment, read_toml, scene_from_data
-from sandbox.scene.model import Scene
+from sandbox.scene.model import IntegratorName, Scene
 
 # Typer depends on click in some versions and carries its own copy in others; it exports only this leaf.
 _UsageError: Any = typer.BadParameter.__base__
@@ -102,6 +102,78 @@ def scenes(json_: JsonOption = False) -> None:
     for row in rows:
         table.add_row(row["name"], row["title"], str(row["particles"]), str(row["springs"]), ", ".join(row["physics"]))
     Console().print(table)
+
+
+@app.command()
+def stability(
+    scene: SceneArgument,
+    set_: SetOption = None,
+    schemes: Annotated[
+        str | None, typer.Option(metavar="NAME,NAME", help="Integrators to look at; all by default.")
+    ] = None,
+    horizon: Annotated[float | None, typer.Option(help="Time over which steps must hold [s]; 0.4 by default.")] = None,
+    map_: Annotated[
+        bool, typer.Option("--map", help="Also the map over stiffness, damping, mass ratio and dt, of the scene's own.")
+    ] = False,
+    out: Annotated[Path | None, typer.Option(help="Folder; outputs/NAME-stability by default.")] = None,
+    arch: Annotated[str, typer.Option(help="cpu, cuda, vulkan or metal.")] = "cpu",
+    threads: Annotated[int | None, typer.Option(help="CPU threads; all cores by default.")] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but the table, or errors.")] = False,
+    json_: JsonOption = False,
+) -> None:
+    """Largest stable dt of every scheme for a scene: predicted, and measured by bisection."""
+    if horizon is not None and not horizon > 0.0:
+        raise SceneError(f"--horizon {horizon:g}: must be > 0")
+    loaded = _load(scene, set_, {})
+    from sandbox.trade.report import StabilityOptions, report_stability
+
+    options = StabilityOptions(
+        name=Path(scene).stem,
+        schemes=_integrators(schemes),
+        horizon=horizon,
+        draws_map=map_,
+        out=out,
+        arch=arch,
+        threads=threads,
+    )
+    try:
+        rows, folder = report_stability(loaded, options, silent=quiet or json_)
+    except SceneError as error:
+        raise SceneError(f"{scene}: {error}") from None
+    if json_:
+        typer.echo((folder / "stability.json").read_text(encoding="utf-8"), nl=False)
+        return
+    _print_stable_steps(rows)
+    typer.echo(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
+
+
+def _integrators(text: str | None) -> tuple[IntegratorName, ...]:
+    if text is None:
+        return tuple(IntegratorName)
+    names = [name.strip() for name in text.split(",")]
+    for name in names:
+        if name not in tuple(IntegratorName):
+            raise SceneError(f"--schemes {name}: must be one of {', '.join(IntegratorName)}")
+    return tuple(IntegratorName(name) for name in names)
+
+
+def _print_stable_steps(rows: Any) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False)
+    for column in ("integrator", "order", "predicted [s]", "measured [s]", "measured/predicted", "held for [s]"):
+        table.add_column(column, justify="left" if column == "integrator" else "right")
+    for row in rows:
+        table.add_row(
+            row.scheme,
+            str(row.order),
+            "none" if row.predicted is None else f"{row.predicted:.4g}",
+            f"> {row.tried:.3g}" if row.measured is None else f"{row.measured:.4g}",
+            "" if row.ratio is None else f"{row.ratio:.3f}",
+            f"{row.horizon:.3g}",
+        )
+    Console(width=100).print(table)
 
 
 @app.command()

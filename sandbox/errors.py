@@ -27,11 +27,17 @@ class DivergedError(SandboxError, ArithmeticError):
     ----------
     time : simulated time of the first step that left its bounds [s]
     stable_dt : largest stable step at the last good state [s]
+    element : what left its bounds first, as the scene names it; empty where that was not looked into
+    particles : its particles, in the scene's order
     """
 
     exit_code = 3
 
-    def __init__(self, message: str, time: float, stable_dt: float) -> None:
+    def __init__(
+        self, message: str, time: float, stable_dt: float, element: str = "", particles: tuple[int, ...] = ()
+    ) -> None:
         super().__init__(message)
         self.time = time
         self.stable_dt = stable_dt
+        self.element = element
+        self.particles = particles

@@ -25,6 +25,7 @@ from sandbox.output.progress import NoProgress, ProgressReport
 from sandbox.output.video import PictureWriter, open_writer
 from sandbox.particle_values import ParticleValues
 from sandbox.render import NullRenderer, Renderer, RendererName, create_renderer
+from sandbox.render.overlay import mark
 from sandbox.scene.load import to_toml
 from sandbox.scene.model import ColorBy, Scene
 from sandbox.simulation import Simulation
@@ -268,6 +269,18 @@ class _Recorder:
         if merit > self.poster_merit:
             self.poster, self.poster_merit = picture, merit
 
+    def _draw_postmortem(self, error: DivergedError) -> None:
+        """The last good picture, with what left its bounds first marked in it."""
+        if isinstance(self.renderer, NullRenderer) or not error.particles:
+            return
+        simulation = self.simulation
+        state = simulation.state
+        values = None if self.values is None else self.values.update()
+        picture = self.renderer.draw(state.x, state.slot, values, time=simulation.time, torn=simulation.torn)
+        points = self.renderer.pixels(simulation.positions()[list(error.particles)])
+        label = f"{error.element} left its bounds at t = {error.time:.4g} s"
+        iio.imwrite(self.folder.partial / "postmortem.png", mark(picture, points, label))
+
     def _real_time_factor(self) -> float:
         # The first advance compiles; it says nothing of speed unless it is all there is.
         times = self.timings.simulate
@@ -280,6 +293,8 @@ class _Recorder:
         """Close all files, write the rest, and publish the folder."""
         if failure is not None and self.pictures == 0:
             self._draw(0, 1, 0.0)  # of the last good state: better than no picture at all
+        if isinstance(failure, DivergedError):
+            self._draw_postmortem(failure)
         self.writer.close()
         self.metrics.close()
         self.renderer.close()

@@ -18,7 +18,7 @@ from sandbox.forces.pressure import Pressure
 from sandbox.forces.springs import plain_springs
 from sandbox.forces.tears import Tears
 from sandbox.forces.wind import WindForce
-from sandbox.integrators.build import Stepper, build_stepper, stage_slots
+from sandbox.integrators.build import Stepper, build_stepper, stage_slots, takes_slices
 from sandbox.integrators.schemes import Scheme
 from sandbox.ledger import Ledger
 from sandbox.parts import Parts
@@ -45,6 +45,16 @@ class Pipeline:
     diagnostics: Diagnostics
     remembering: list[Any]
     """Parts with a memory beyond positions and velocities."""
+    loading: list[Any]
+    """Parts that upload numbers of the scene."""
+
+    def reload(self, assembly: Assembly) -> None:
+        """Upload other masses, springs and start of the same bodies; what was compiled stays."""
+        for law in self.parts.laws:
+            if hasattr(law, "numbers"):
+                law.springs = assembly.spring_set.chosen(law.numbers)
+        for part in self.loading:
+            part.load(assembly)
 
     def memory(self) -> Memory:
         """What all parts remember."""
@@ -88,7 +98,7 @@ def build_pipeline(assembly: Assembly, scheme: Scheme, serial: bool, neighbours:
     loads: list[Any] = [state]
     if scene.gravity is not None and any(scene.gravity):
         parts.laws.append(Gravity(state, scene.gravity))
-    for law in _springs(builder, assembly, state, tears, ledger):
+    for law in _springs(builder, assembly, state, tears, ledger, takes_slices(scheme)):
         parts.laws.append(law)
         loads.append(law)
     if assembly.gases:
@@ -111,13 +121,13 @@ def build_pipeline(assembly: Assembly, scheme: Scheme, serial: bool, neighbours:
     diagnostics = Diagnostics(builder, state, parts)
     stepper = build_stepper(builder, scheme, state, parts, assembly, serial)
     tree = builder.finalize()
-    for part in [*loads, *solids.parts, stepper]:
-        if hasattr(part, "load"):
-            part.load(assembly)
+    loading = [part for part in [*loads, *solids.parts, stepper] if hasattr(part, "load")]
+    for part in loading:
+        part.load(assembly)
     if setup is not None:
         parts.contact[0].load(setup)
-    remembering = [part for part in [*parts.laws, *parts.tears, *parts.ledger] if hasattr(part, "memory")]
-    return Pipeline(tree, state, parts, stepper, diagnostics, remembering)
+    remembering = [part for part in [*parts.laws, *parts.tears, *parts.ledger, stepper] if hasattr(part, "memory")]
+    return Pipeline(tree, state, parts, stepper, diagnostics, remembering, loading)
 
 
 def first_neighbours(assembly: Assembly) -> int:
@@ -153,15 +163,19 @@ def _sees_velocity(assembly: Assembly) -> bool:
     return bool(assembly.spring_set.damping.any()) or assembly.scene.wind is not None
 
 
-def _springs(builder: Any, assembly: Assembly, state: ParticleState, tears: Tears | None, ledger: Ledger | None) -> Any:
-    """One law for every behaviour that springs of the scene have."""
+def _springs(
+    builder: Any, assembly: Assembly, state: ParticleState, tears: Tears | None, ledger: Ledger | None, slices: bool
+) -> Any:
+    """One law for every behaviour that springs of the scene have; plain ones by ``slices`` if that pays."""
     springs = assembly.spring_set
     for behaviour, numbers in springs.behaviours():
         chosen = springs.chosen(numbers)
         if behaviour == Behaviour(tension_only=False, yields=False, tears=False):
-            yield plain_springs(builder, chosen, state)
+            law = plain_springs(builder, chosen, state, slices)
         else:
-            yield changing_springs(builder, chosen, state, numbers, behaviour, tears, ledger)
+            law = changing_springs(builder, chosen, state, numbers, behaviour, tears, ledger)
+        law.numbers = numbers
+        yield law
 
 
 def network_of(assembly: Assembly, memory: Memory | None = None) -> stability.SpringNetwork:

@@ -39,6 +39,11 @@ class Failure:
         spring = int(strain.argmax())
         return cls(spring, float(strain[spring]), particle, float(speeds[particle]))
 
+    def particles(self, assembly: Assembly) -> tuple[int, ...]:
+        """Particles of the spring, or the particle where there is none, in the scene's order."""
+        internal = [self.particle] if self.spring is None else assembly.springs[self.spring]
+        return tuple(int(assembly.order[particle]) for particle in internal)
+
     def element(self, assembly: Assembly) -> str:
         """The spring, or the particle where there is none, as the scene names it."""
         if self.spring is None:

@@ -14,7 +14,7 @@ from sandbox.integrators.build import serial_work
 from sandbox.integrators.schemes import SCHEMES
 from sandbox.pipeline import MOST_NEIGHBOURS, Memory, Pipeline, build_pipeline, first_neighbours, network_of
 from sandbox.postmortem import Failure, describe
-from sandbox.scene.assemble import assemble
+from sandbox.scene.assemble import Assembly, assemble
 from sandbox.scene.model import Scene
 from sandbox.start import check_start
 from sandbox.state import ParticleState
@@ -251,6 +251,14 @@ class Simulation:
         self.time = 0.0
         self.dt = self._steps.begin_again(self.dt)
 
+    def retune(self, assembly: Assembly) -> None:
+        """Go to the start with other masses and springs of the same bodies, with everything compiled."""
+        self.assembly = assembly
+        pipeline = self._wake()
+        pipeline.reload(assembly)
+        self._first_memory = pipeline.memory()
+        self.restore()
+
     def measure(self) -> Measurement:
         """Energies, momenta, largest strain, speed and penetration of the state now."""
         if self._measurement is None:
@@ -315,7 +323,8 @@ class Simulation:
             return DivergedError(f"diverged at t = {time:.6g} s: {alarm}", time=time, stable_dt=stable)
         frequencies = stability.element_frequencies(self._network)
         message = describe(failure, self.assembly, time, dt, stable, frequencies, finite)
-        return DivergedError(message, time=time, stable_dt=stable)
+        element, particles = failure.element(self.assembly), failure.particles(self.assembly)
+        return DivergedError(message, time=time, stable_dt=stable, element=element, particles=particles)
 
     def _given_up(self) -> DivergedError:
         """Leave the last good state, and ask nothing."""

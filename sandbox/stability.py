@@ -20,6 +20,8 @@ _ACCURACY = 1e-4
 _MOST_ITERATIONS = 150
 _CHECK_EVERY = 5
 _MOST_UPDATES = 12
+_WHOLE = 150
+"""Unknowns up to which all modes are found, not a sample."""
 
 
 @dataclass(frozen=True)
@@ -233,7 +235,7 @@ def sampled_modes(
     start = np.random.default_rng(1).standard_normal(operator.shape) * (operator.scale > 0.0)
     basis = [start.ravel() / np.linalg.norm(start)]
     images: list[list[FloatArray]] = []
-    while len(images) < min(count, start.size):
+    while len(images) < (count if start.size > _WHOLE else start.size):
         vector = basis[-1].reshape(operator.shape)
         images.append([operator.product(vector, *factors).ravel() for factors in ((1.0, 0.0), (0.0, 1.0))])
         image = stiff * images[-1][0] + damp * images[-1][1]

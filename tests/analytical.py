@@ -31,6 +31,20 @@ def velocity_verlet(omega: float, h: float, x0: float, steps: int) -> tuple[floa
     return x0 * math.cos(steps * turn), -x0 * amplitude * math.sin(steps * turn)
 
 
+def runge_kutta(
+    growth: tuple[float, ...], omega: float, zeta: float, h: float, x0: float, steps: int
+) -> tuple[float, float]:
+    """Position and velocity of x'' = -omega^2 x - 2 zeta omega x' from rest at x0, exact for the scheme.
+
+    An explicit Runge-Kutta scheme multiplies (x, v) in a step by R(h A), A the matrix of the system of first
+    order and R its polynomial, of coefficients ``growth``. Hairer, Norsett, Wanner, section II.1.
+    """
+    matrix = h * np.array([[0.0, 1.0], [-(omega**2), -2.0 * zeta * omega]])
+    step = sum(c * np.linalg.matrix_power(matrix, k) for k, c in enumerate(growth))
+    x, v = np.linalg.matrix_power(step, steps) @ np.array([x0, 0.0])
+    return float(x), float(v)
+
+
 def damped_oscillator(omega: float, zeta: float, x0: float, t: float) -> float:
     """Position at time t [s] of x'' = -omega^2 x - 2 zeta omega x' from rest at x0. Any textbook on vibration."""
     damped = omega * math.sqrt(1.0 - zeta**2)

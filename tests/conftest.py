@@ -1,10 +1,11 @@
 """Helpers that every test uses. Scenes are small and of few sizes: each new one compiles."""
 
+import sys
 from typing import Any
 
 import pytest
 
-from sandbox import Scene, Simulation
+from sandbox import Scene, Simulation, cli
 from sandbox.scene.load import scene_from_data
 
 
@@ -59,3 +60,17 @@ def simulate():
     yield build
     for simulation in built:
         simulation.suspend()
+
+
+def command_line(*arguments: object, monkeypatch, capsys) -> tuple[int, str, str]:
+    """Run the command line in this process: exit code, standard output, standard error."""
+    monkeypatch.setattr(sys, "argv", ["sandbox", *map(str, arguments)])
+    with pytest.raises(SystemExit) as caught:
+        cli.main()
+    printed = capsys.readouterr()
+    return int(caught.value.code or 0), printed.out, printed.err
+
+
+@pytest.fixture
+def run_cli(monkeypatch, capsys):
+    return lambda *arguments: command_line(*arguments, monkeypatch=monkeypatch, capsys=capsys)

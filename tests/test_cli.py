@@ -10,22 +10,7 @@ import imageio.v3 as iio
 import numpy as np
 import pytest
 
-from sandbox import cli, load_scene
-
-
-def sandbox(*arguments: object, monkeypatch, capsys) -> tuple[int, str, str]:
-    """Run the command line in this process: exit code, standard output, standard error."""
-    monkeypatch.setattr(sys, "argv", ["sandbox", *map(str, arguments)])
-    with pytest.raises(SystemExit) as caught:
-        cli.main()
-    printed = capsys.readouterr()
-    return int(caught.value.code or 0), printed.out, printed.err
-
-
-@pytest.fixture
-def run_cli(monkeypatch, capsys):
-    return lambda *arguments: sandbox(*arguments, monkeypatch=monkeypatch, capsys=capsys)
-
+from sandbox import load_scene
 
 SMALL = ("--seconds", "0.2", "--size", "320x180")
 
@@ -81,6 +66,10 @@ def test_a_blow_up_is_exit_code_3_and_loses_nothing(run_cli, tmp_path):
     assert "diverged at t = " in lines[1] and "spring" in lines[1] and "omega dt" in lines[1]
     summary = json.loads((out / "summary.json").read_text())
     assert summary["status"] == "diverged" and summary["message"] in lines[1]
+    # The element that left its bounds first is marked with a red ring.
+    assert "postmortem.png" in summary["files"]
+    red = (iio.imread(out / "postmortem.png") == (214, 39, 40)).all(axis=-1)
+    assert 20 < red.sum() < 0.02 * red.size
     frames = iio.imread(out / "video.mp4") if summary["pictures"] else []
     assert len(frames) == summary["pictures"]
     with np.load(out / "checkpoint.npz") as checkpoint:

@@ -5,6 +5,7 @@ mass, and never reversed. A particle that already leaves keeps its velocity.
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -43,9 +44,19 @@ class UniformSurface:
         self.friction = pair.friction
         self.rough = pair.friction > 0.0
         """False where there is no friction to compute."""
+        self.bouncy = pair.restitution > 0.0
+        """False where there is no restitution."""
 
     def load(self, assembly: Assembly) -> None:
         """Nothing to upload."""
+
+    @ti.func
+    def restitution_of(self, i):
+        return self.restitution
+
+    @ti.func
+    def friction_of(self, i):
+        return self.friction
 
     @ti.func
     def bounce(self, i, v, normal):
@@ -66,6 +77,7 @@ class BodySurfaces:
 
     def __init__(self, builder: ti.FieldsBuilder, assembly: Assembly, pairs: Sequence[ContactPair]) -> None:
         self.pairs = pairs
+        self.bouncy = any(pair.restitution > 0.0 for pair in pairs)
         self.restitution = place(builder, ti.field(runtime.real()), assembly.particle_count)
         self.friction = place(builder, ti.field(runtime.real()), assembly.particle_count)
 
@@ -81,6 +93,14 @@ class BodySurfaces:
             self.friction[i] = friction[i]
 
     @ti.func
+    def restitution_of(self, i):
+        return self.restitution[i]
+
+    @ti.func
+    def friction_of(self, i):
+        return self.friction[i]
+
+    @ti.func
     def bounce(self, i, v, normal):
         """Velocity after the meeting, but for friction."""
         return bounce(v, normal, self.restitution[i])
@@ -89,3 +109,51 @@ class BodySurfaces:
     def rub(self, i, v, normal):
         """What friction takes from the velocity."""
         return rub(v, normal, self.restitution[i], self.friction[i])
+
+
+@ti.data_oriented
+class SolvedSurface:
+    """A surface for particles whose velocities a solver finds: what arrives bounces, what is pressed on does not.
+
+    Parameters
+    ----------
+    surface : restitution and friction
+    solved : what the solver gave to every particle's velocity [m/s], a field of vectors: left out of restitution;
+        None for no restitution at all
+    """
+
+    def __init__(self, surface: Any, solved: Any = None) -> None:
+        self.surface = surface
+        self.solved = solved
+        self.rough = surface.rough
+        self.bouncy = surface.bouncy and solved is not None
+
+    @ti.func
+    def restitution_of(self, i):
+        return self.surface.restitution_of(i)
+
+    @ti.func
+    def friction_of(self, i):
+        return self.surface.friction_of(i)
+
+    @ti.func
+    def bounce(self, i, v, normal):
+        """Velocity after the meeting, but for friction."""
+        return v - self._taken(i, v, normal) * normal
+
+    @ti.func
+    def rub(self, i, v, normal):
+        """What friction takes from the velocity."""
+        tangent = v - v.dot(normal) * normal
+        speed = tangent.norm()
+        slowed = ti.min(-self.surface.friction_of(i) * self._taken(i, v, normal), speed)
+        return slowed * tangent / ti.max(speed, _SLOWEST)
+
+    @ti.func
+    def _taken(self, i, v, normal):
+        """Normal velocity that the surface takes [m/s]: none, or negative."""
+        taken = ti.min(v.dot(normal), 0.0)
+        if ti.static(self.bouncy):
+            if taken < 0.0:
+                taken += self.surface.restitution_of(i) * ti.min((v - self.solved[i]).dot(normal), 0.0)
+        return taken

@@ -46,7 +46,6 @@ class ChangingSprings(Springs):
     ) -> None:
         super().__init__(builder, springs, state, rows)
         self.numbers = numbers
-        """Number of each of these springs among all of the scene."""
         self.name = memory_name(numbers)
         self.tension_only = behaviour.tension_only
         self.yields = behaviour.yields

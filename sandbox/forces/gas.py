@@ -95,6 +95,13 @@ class GasAmounts:
         return ti.cast(ti.select(self.is_inverted(u), 0.0, gauge), self.real)
 
     @ti.func
+    def bulk_at(self, g, u):
+        """-dp/dV of gas g [Pa/m^3]; 0 in a body that is inside out."""
+        ratio = ti.max(1.0 + u, LEAST_VOLUME)
+        bulk = (self.excess[0, g] + self.ambient[g]) / (ratio * ratio * self.rest_volume[g])
+        return ti.cast(ti.select(self.is_inverted(u), 0.0, ti.min(_MOST_GAUGE, bulk)), self.real)
+
+    @ti.func
     def energy_at(self, g, u):
         """Free energy of gas g [J], 0 in the volume at rest."""
         log, rest = self._logarithm(u)

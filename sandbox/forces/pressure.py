@@ -33,6 +33,11 @@ class Pressure:
 
     term = "gas"
     dissipation_term = "gas_flow"
+    damped = False
+    linearised = False
+    """True with what products need, see :meth:`linearise`."""
+    constraint = "gas"
+    """As what a scheme that solves constraints takes it."""
 
     def __init__(
         self,
@@ -82,6 +87,20 @@ class Pressure:
             """1 where a face has a torn edge."""
             self.block_hole = place(builder, ti.field(self.fine), self.prepare_count)
 
+    def linearise(self, builder: ti.FieldsBuilder) -> None:
+        """Make room for what :meth:`product_on` and :meth:`block_on` need; before the tree is finalised."""
+        self.linearised = True
+        self.bulk = place(builder, ti.field(self.real), self.count)
+        """-dp/dV [Pa/m^3], shape (G,)."""
+        self.outside = place(builder, ti.field(ti.i32), self.count)
+        """1 where the last pass found a body inside out."""
+        self.turn = place(builder, self.vector.field(), self.faces.count)
+        """How ``share`` changes along a vector, shape (F,)."""
+        self.block_change = place(builder, ti.field(self.fine), self.prepare_count)
+        self.fall = place(builder, ti.field(self.real), self.count)
+        """How the pressure falls along it, shape (G,)."""
+        self.product_count = self.prepare_count
+
     def load(self, assembly: Assembly) -> None:
         """Upload faces and constants, and the amounts that the scene starts with."""
         faces, blocks = assembly.gas_faces, self.blocks
@@ -123,13 +142,25 @@ class Pressure:
                     hole += self.block_hole[k]
             u = self._strain_at(g, volume)
             self.gauge[g] = self.amounts_of.gauge_at(g, u)
-            if self.amounts_of.is_inverted(u):
+            if ti.static(self.linearised):
+                self.bulk[g] = self.amounts_of.bulk_at(g, u)
+                self.outside[g] = self.amounts_of.is_inverted(u)
+            # Without time passing it is a trial, which may be taken back.
+            if dt > 0.0 and self.amounts_of.is_inverted(u):
                 self.inverted[g] = 1
             if ti.static(self.flows):
                 if dt > 0.0:
                     gain = self.amounts_of.flow(g, u, hole, ti.cast(time, self.fine), ti.cast(dt, self.fine))
                     if ti.static(self.booked):
                         self.ledger.add(self.flow_term, self.reference[g], gain)
+
+    @ti.func
+    def volume_at(self, g):
+        """Volume of gas g by the last pass over the blocks [m^3]."""
+        volume = ti.cast(0.0, self.fine)
+        for k in range(self.block_row[g], self.block_row[g + 1]):
+            volume += self.block_volume[k]
+        return volume
 
     @ti.func
     def _strain_at(self, g, volume):
@@ -181,6 +212,79 @@ class Pressure:
             if self.gas[i] >= 0:
                 force = -self.gauge[self.gas[i]] * self._area_on(i, 1)
         return force
+
+    # -- stiffness ----------------------------------------------------------------------------------
+    #
+    # With s = dV/dx: n R T / V^2 s s^T - (p - p0) ds/dx. The second part has no sign of its own; together with
+    # springs under tension, which hold the gas, it is positive, and without it Newton would crawl.
+
+    @ti.func
+    def prepare_product_at(self, k, slot, u: ti.template()):
+        """Change of volume and area vectors of block k of faces along u, a field of vectors."""
+        change = ti.cast(0.0, self.fine)
+        for f in range(self.block_first[k], self.block_first[k + 1]):
+            corners = self.faces.corners[f]
+            a, b = u[corners[0]], u[corners[1]]
+            total, side = a + b, b - a
+            turn = side
+            if ti.static(self.state.dimension == 2):
+                turn[0], turn[1] = side[1], -side[0]
+            else:
+                c = u[corners[2]]
+                total += c
+                x = self.state.x[slot, corners[0]]
+                turn = 0.5 * side.cross(self.state.x[slot, corners[2]] - x)
+                turn += 0.5 * (self.state.x[slot, corners[1]] - x).cross(c - a)
+            change += self.share[f].dot(total)
+            self.turn[f] = turn / self.state.dimension
+        self.block_change[k] = change
+
+    @ti.func
+    def prepare_product_end(self):
+        """How the pressures fall along it."""
+        for g in range(self.count):
+            change = ti.cast(0.0, self.fine)
+            for k in range(self.block_row[g], self.block_row[g + 1]):
+                change += self.block_change[k]
+            self.fall[g] = self.bulk[g] * ti.cast(change, self.real)
+
+    @ti.func
+    def product_on(self, i, slot, u: ti.template(), stiff, damp):
+        """Row i of ``stiff`` K u, for the u that was prepared."""
+        product = self.vector(0.0)
+        g = self.gas[i]
+        if g >= 0:
+            for h in range(self.faces.row[i], self.faces.row[i + 1]):
+                f = self.faces.entry[h]
+                part = self.fall[g] * self.share[f] - self.gauge[g] * self.turn[f]
+                if ti.static(self.tearing):
+                    part *= ti.select(self.hole[f] == 0, 1.0, 0.0)
+                product += part
+        return stiff * product
+
+    @ti.func
+    def block_on(self, i, slot, stiff, damp):
+        """Diagonal block of ``stiff`` K, of particle i: the second part has none."""
+        g = self.gas[i]
+        area = self.vector(0.0)
+        bulk = 0.0 * stiff
+        if g >= 0:
+            area = self._area_on(i, 0)
+            bulk = stiff * self.bulk[g]
+        return bulk * area.outer_product(area)
+
+    @ti.func
+    def is_outside(self) -> ti.i32:
+        """1 where the last pass found a body inside out: there is no force that would turn it back."""
+        outside = 0
+        for g in range(self.count):
+            outside = ti.max(outside, self.outside[g])
+        return outside
+
+    @ti.func
+    def area_on(self, i):
+        """What the gas presses on at particle i, by the last pass: its share of whole faces [m^2]."""
+        return self._area_on(i, 0)
 
     @ti.func
     def _area_on(self, i, hole):

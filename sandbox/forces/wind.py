@@ -70,6 +70,9 @@ class WindForce:
     """The scene's wind on F faces. What the wind lacks (gusts, vortices, switching) is not compiled."""
 
     dissipation_term = "wind"
+    damped = True
+    linearised = False
+    """True with what products need, see :meth:`linearise`."""
 
     def __init__(
         self,
@@ -85,6 +88,7 @@ class WindForce:
         self.state = state
         self.tearing = tears is not None
         self.vector = runtime.vector(dimension)
+        self.matrix = ti.types.matrix(dimension, dimension, runtime.real())
         self.uniform = np.zeros(dimension) if wind.velocity is None else np.array(wind.velocity)
         self.mean = self.vector(self.uniform.tolist())
         self.pressure_drag = 0.5 * wind.density * wind.drag_coefficient
@@ -117,6 +121,13 @@ class WindForce:
             """Radius of the core, squared [m^2]."""
             self.spin = place(builder, ti.types.vector(3, real).field(), self.vortex_count)
             """Angular velocity of the core [rad/s]; in 2D only the last part counts."""
+
+    def linearise(self, builder: ti.FieldsBuilder) -> None:
+        """Make room for what :meth:`product_on` and :meth:`block_on` need; before the tree is finalised."""
+        self.linearised = True
+        self.face_normal = place(builder, self.vector.field(), self.prepare_count)
+        self.face_drag = place(builder, ti.types.vector(2, runtime.real()).field(), self.prepare_count)
+        """How the force falls with a face's velocity: across the normal, and what is more along it [N s/m]."""
 
     def load(self, assembly: Assembly) -> None:
         """Upload faces, waves and vortices."""
@@ -214,6 +225,8 @@ class WindForce:
         if ti.static(self.tearing):
             if self.faces.is_torn(k) == 1:
                 force = self.vector(0.0)
+                if ti.static(self.linearised):
+                    self.face_drag[k] *= 0.0
         self.face_force[k] = force / self.state.dimension
 
     @ti.func
@@ -241,7 +254,19 @@ class WindForce:
         force = (self.pressure_drag - self.skin_drag) * across * area
         if ti.static(self.has_skin):
             force += self.skin_drag * size * u
+        if ti.static(self.linearised):
+            self._note_drag(k, u, area / ti.max(size, _TINY), size)
         return u.norm() * force
+
+    @ti.func
+    def _note_drag(self, k, u, normal, size):
+        """What stands for -dF/dv of face k: exact along the normal and across it, symmetric and positive between."""
+        speed = u.norm()
+        slope = u.dot(normal) / ti.max(speed, _TINY)
+        skin = self.skin_drag * size * speed
+        along = self.pressure_drag * size * speed * (1.0 + slope * slope)
+        self.face_normal[k] = normal
+        self.face_drag[k] = ti.Vector([skin, along - skin])
 
     @ti.func
     def force_on(self, i, slot):
@@ -254,6 +279,30 @@ class WindForce:
     def dissipation_on(self, i, slot):
         """All of the force: it has no energy [N]."""
         return self.force_on(i, slot)
+
+    @ti.func
+    def product_on(self, i, slot, u: ti.template(), stiff, damp):
+        """Row i of ``damp`` C u at the state last prepared, with a C that is positive."""
+        product = self.vector(0.0)
+        for h in range(self.faces.row[i], self.faces.row[i + 1]):
+            f = self.faces.entry[h]
+            corners, normal, drag = self.faces.corners[f], self.face_normal[f], self.face_drag[f]
+            moved = u[corners[0]] + u[corners[1]]
+            if ti.static(self.state.dimension == 3):
+                moved += u[corners[2]]
+            product += drag[0] * moved + (drag[1] * normal.dot(moved)) * normal
+        return (damp / self.state.dimension**2) * product
+
+    @ti.func
+    def block_on(self, i, slot, stiff, damp):
+        """Diagonal block of the same matrix, of particle i."""
+        block = self.matrix(0.0)
+        for h in range(self.faces.row[i], self.faces.row[i + 1]):
+            normal, drag = self.face_normal[self.faces.entry[h]], self.face_drag[self.faces.entry[h]]
+            block += drag[1] * normal.outer_product(normal)
+            for axis in ti.static(range(self.state.dimension)):
+                block[axis, axis] += drag[0]
+        return (damp / self.state.dimension**2) * block
 
     # -- to fields ----------------------------------------------------------------------------------
 

@@ -2,9 +2,20 @@
 
 from typing import Any, Protocol
 
+from sandbox.integrators import kick_drift, vbd, xpbd
+from sandbox.integrators.implicit import Implicit
 from sandbox.integrators.kick_drift import KickDrift
 from sandbox.integrators.runge_kutta import RungeKutta
-from sandbox.integrators.schemes import RungeKuttaScheme, Scheme, SplittingScheme
+from sandbox.integrators.schemes import (
+    ConstraintScheme,
+    DescentScheme,
+    ImplicitScheme,
+    RungeKuttaScheme,
+    Scheme,
+    SplittingScheme,
+)
+from sandbox.integrators.vbd import VertexBlockDescent
+from sandbox.integrators.xpbd import Xpbd
 from sandbox.parts import Parts
 from sandbox.scene.assemble import Assembly
 from sandbox.state import ParticleState
@@ -22,16 +33,42 @@ def stage_slots(scheme: Scheme) -> int:
     return scheme.stages - 1 if isinstance(scheme, RungeKuttaScheme) else 0
 
 
+def takes_slices(scheme: Scheme) -> bool:
+    """Whether laws may gather for several particles at once: not where these move one after the other."""
+    return not isinstance(scheme, ConstraintScheme | DescentScheme)
+
+
+def serial_work(scheme: Scheme) -> int:
+    """Work, particles + half-edges, up to which one serial launch for all steps of a call is the faster path."""
+    match scheme:
+        case ConstraintScheme():
+            return xpbd.SERIAL_WORK
+        case DescentScheme():
+            return vbd.VBD_SERIAL_WORK
+        case _:
+            return kick_drift.SERIAL_WORK
+
+
 def build_stepper(
     builder: Any, scheme: Scheme, state: ParticleState, parts: Parts, assembly: Assembly, serial: bool
 ) -> Stepper:
     """The stepper of a scheme, for just the parts of a scene; to be called before the tree is finalised."""
     pinned = bool((assembly.inverse_masses == 0.0).any())
     scene = assembly.scene
+    if isinstance(scheme, ImplicitScheme | DescentScheme):
+        for law in parts.laws:
+            if hasattr(law, "linearise"):
+                law.linearise(builder)
     match scheme:
         case SplittingScheme():
             return KickDrift(scheme, state, parts, scene.drag, pinned, serial)
         case RungeKuttaScheme():
             return RungeKutta(builder, scheme, state, parts, scene.drag, pinned, serial)
+        case ImplicitScheme():
+            return Implicit(builder, scheme, state, parts, scene.solver, scene.drag, pinned, serial)
+        case ConstraintScheme():
+            return Xpbd(builder, state, parts, scene.drag, pinned, scene.solver.iterations, serial)
+        case DescentScheme():
+            return VertexBlockDescent(builder, state, parts, assembly, serial)
         case _:
             raise NotImplementedError(scene.solver.integrator)

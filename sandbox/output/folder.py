@@ -13,7 +13,7 @@ _PREFIX = ".partial-"
 # What a run may leave in its folder; a later run replaces or removes these and touches nothing else.
 _PRODUCTS = (
     "video.mp4", "video.webm", "video.gif", "frames", "poster.png", "metrics.csv", "summary.json", "scene.toml",
-    "checkpoint.npz",
+    "checkpoint.npz", "postmortem.png", "stability.json", "stability_map.csv", "stability_map.png",
 )  # fmt: skip
 
 

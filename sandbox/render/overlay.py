@@ -57,3 +57,28 @@ def blend(picture: NDArray[np.uint8], overlay: NDArray[np.uint8], left: int, top
     alpha = overlay[..., 3:].astype(np.uint16)
     mixed = overlay[..., :3] * alpha + area * (255 - alpha)
     area[...] = ((mixed + 127) // 255).astype(np.uint8)
+
+
+def mark(picture: NDArray[np.uint8], points: NDArray[np.float64], label: str) -> NDArray[np.uint8]:
+    """A copy of the picture with a ring around points, pixel x and y of shape (N, 2), and a label beside it."""
+    height, width = picture.shape[:2]
+    image = Image.fromarray(picture)
+    pen = ImageDraw.Draw(image)
+    size = max(10, round(height * 0.024))
+    font, pad = _font(size), round(size * 0.4)
+    # What has left the picture is pointed at from its edge.
+    inside = np.clip(np.nan_to_num(points), (pad, pad), (width - 1 - pad, height - 1 - pad))
+    centre = inside.mean(axis=0)
+    radius = max(0.03 * height, float(np.linalg.norm(inside - centre, axis=1).max()) + size)
+    ring, line = (214, 39, 40), max(2, round(height / 240))
+    pen.ellipse((*(centre - radius), *(centre + radius)), outline=ring, width=line)
+    for x, y in inside:
+        pen.ellipse((x - line, y - line, x + line, y + line), fill=ring)
+    wide = float(font.getlength(label))
+    left = float(np.clip(centre[0] - wide / 2, pad, max(width - wide - 3 * pad, pad)))
+    top = centre[1] + radius + pad
+    if top + size + 2 * pad > height:
+        top = centre[1] - radius - size - 3 * pad
+    pen.rounded_rectangle((left, top, left + wide + 2 * pad, top + size + 2 * pad), radius=pad, fill=(255, 255, 255))
+    pen.text((left + pad, top + pad * 0.7), label, font=font, fill=(40, 46, 56))
+    return np.asarray(image)

@@ -30,6 +30,10 @@ class Renderer(Protocol):
         """Set the top of the colour scale: speed [m/s] or strain [1]; must be > 0."""
         ...
 
+    def pixels(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Where points [m], shape (N, dimension), are in the picture: pixel x and y (down), shape (N, 2)."""
+        ...
+
     def close(self) -> None:
         """Free all memory; the renderer cannot draw afterwards."""
         ...

@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sandbox import runtime
 from sandbox.render import overlay, palette
@@ -12,6 +13,8 @@ from sandbox.render.protocol import Picture
 from sandbox.render.solid3d import SolidPainter
 from sandbox.scene.appearance import Appearance
 from sandbox.scene.model import Camera, ColorBy, Render
+
+FloatArray = NDArray[np.float64]
 
 LEGEND_TITLES = {ColorBy.SPEED: "speed [m/s]", ColorBy.STRAIN: "strain"}
 COLORMAPS = {ColorBy.SPEED: "viridis", ColorBy.STRAIN: "turbo"}
@@ -68,6 +71,10 @@ class SoftwareRenderer:
     def _lay_legend(self, picture: Picture) -> None:
         margin = round(picture.shape[0] * 0.03)
         overlay.blend(picture, self._legend, picture.shape[1] - self._legend.shape[1] - margin, margin)
+
+    def pixels(self, points: FloatArray) -> FloatArray:
+        """Where points [m], shape (N, dimension), are in the picture: pixel x and y (down), shape (N, 2)."""
+        return np.asarray(self._painter.camera.project(points)[..., :2])
 
     def close(self) -> None:
         """Free all buffers; calling it again does nothing."""

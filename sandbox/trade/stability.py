@@ -20,6 +20,8 @@ LONGEST = 0.1
 """Longest step that is tried [s]."""
 HORIZON = 0.4
 """Time over which steps are tried, by default [s]."""
+FEWEST_STEPS = 20
+"""Steps that a horizon must have for a growth to show."""
 CALM = 3.0
 """Most growth of a disturbance in short steps that does not come from the scene itself [1]."""
 _MOST_HALVINGS = 6
@@ -38,7 +40,9 @@ class StableStep:
     ratio: float | None
     """Measured over predicted [1]."""
     horizon: float
-    """[s]"""
+    """Time over which steps had to hold: shorter than asked for where the scene itself is chaotic later [s]."""
+    tried: float
+    """Longest step that was tried [s]."""
 
 
 def stable_steps(
@@ -47,7 +51,7 @@ def stable_steps(
     horizon: float | None = None,
     arch: str = "cpu",
     threads: int | None = None,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Callable[[float, str], None] = lambda *_: None,
 ) -> list[StableStep]:
     """Predicted and measured limit of every scheme, in double precision, around the shape that the scene starts with.
 
@@ -55,8 +59,8 @@ def stable_steps(
     """
     span = min(scene.duration, HORIZON) if horizon is None else horizon
     rows = []
-    for name in schemes:
-        progress(str(name))
+    for number, name in enumerate(schemes):
+        progress(number / len(schemes), str(name))
         rows.append(_measure(scene, name, span, arch, threads))
     return rows
 
@@ -78,12 +82,13 @@ def _measure(scene: Scene, name: IntegratorName, horizon: float, arch: str, thre
         for halving in range(_MOST_HALVINGS):
             span = horizon / 2**halving
             limit = limits.limit(scheme, network_of(assembly), assembly.positions, span)
-            near = limit.step if math.isfinite(limit.step) else LONGEST
+            near = limit.step if math.isfinite(limit.step) else span / FEWEST_STEPS
             disturbance = Disturbance(simulation, limit)
             # Collisions and tears make much of a small difference in any steps: they come later then.
             if disturbance.growth(0.5 * near, span) <= CALM:
                 break
-        measured = largest_stable(disturbance, near, span, ACCURACY, LONGEST)
+        longest = min(LONGEST, span / FEWEST_STEPS)
+        measured = largest_stable(disturbance, min(near, longest), span, ACCURACY, longest)
     predicted = limit.step if math.isfinite(limit.step) else None
     return StableStep(
         scheme=str(name),
@@ -92,4 +97,5 @@ def _measure(scene: Scene, name: IntegratorName, horizon: float, arch: str, thre
         measured=measured if math.isfinite(measured) else None,
         ratio=measured / predicted if predicted is not None and math.isfinite(measured) else None,
         horizon=span,
+        tried=longest,
     )

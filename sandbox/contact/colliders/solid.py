@@ -1,11 +1,13 @@
 """What all colliders share: radii of particles, numbers of several solids, the response, the sweep against a ball."""
 
+import copy
 from typing import Any
 
 import numpy as np
 import taichi as ti
 
 from sandbox import runtime
+from sandbox.contact.surface import SolvedSurface
 from sandbox.ledger import RUBBED
 from sandbox.scene.assemble import Assembly
 from sandbox.state import ParticleState, place
@@ -166,6 +168,9 @@ class SolidCollider:
 
     booked = False
     ledger: Any = None
+    noted = False
+    resting: Any = None
+    """With ``noted`` set before kernels compile: what keeps every meeting, for a solve that the surface shall bear."""
     count = 1
     most_hits = 1
     """How often a particle can meet the solid within one substep: a hollow one several times."""
@@ -176,6 +181,16 @@ class SolidCollider:
         self.state = state
         self.grazing = 8.0 * rounding()
         """Part of a path that may go into a surface and still counts as along it [1]."""
+
+    def under_solver(self, solved: Any = None, booked: bool = False) -> "SolidCollider":
+        """The same solid for particles whose velocities a solver finds, see :class:`SolvedSurface`.
+
+        Only what ends a step is ``booked``; trial states are not.
+        """
+        twin = copy.copy(self)
+        twin.surface = SolvedSurface(self.surface, solved)
+        twin.booked = self.booked and booked
+        return twin
 
     @ti.func
     def resolve(self, i, start, end, v, duration):
@@ -223,6 +238,9 @@ class SolidCollider:
             after = bounced - self.surface.rub(i, relative, normal)
             if ti.static(self.booked):
                 self.ledger.hand_in(RUBBED, i, self.state.mass[i] * (after - bounced))
+        if ti.static(self.noted):
+            bounce, friction = self.surface.restitution_of(i), self.surface.friction_of(i)
+            self.resting.note(i, relative, after - ground, normal, ground, bounce, friction)
         return after
 
     def entry(self, c, start, end, radius):

@@ -54,7 +54,9 @@ class Solver(Model):
         400, description="most conjugate gradient iterations a Newton iteration"
     )
     tolerance: Positive = Field(
-        1e-4, description="residual, as a part of the step's impulses, at which the implicit schemes are done [1]"
+        1e-4,
+        description="residual at which the implicit schemes are done with a step: its size over that of all impulses "
+        "of the step, both weighted by M^-1/2 [1]; never below what rounding leaves",
     )
     chebyshev: Annotated[Real, Field(ge=0, lt=1)] = Field(
         0.0, description="spectral radius that vbd's Chebyshev acceleration reckons with [1]; 0 is without"

@@ -1,0 +1,195 @@
+"""Newton's iteration for a step's velocity: when a direction is needed, how far to go along it, when it is enough.
+
+Decisions alone, made from a few sums over all particles; the passes that make the sums are in
+:mod:`sandbox.integrators.implicit_passes`. The line search looks at the slope direction . r, as energies so close
+to each other cancel: a step that goes far past the place where the slope vanishes is taken back, and one that ends
+far before it is made longer, by regula falsi.
+
+The residual r [N s] is small enough when |M^-1/2 r| is at most ``tolerance`` times |M^-1/2 s|, where s_i is the sum
+of the sizes of all impulses that act on particle i; or when it is no larger than what rounding of positions and
+velocities leaves of it. Directions are solved for no more precisely than pays: relative to their residual the more
+precisely the faster residuals fall (Eisenstat and Walker 1996), and never below what is small enough.
+"""
+
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from sandbox.integrators.block_sums import fine_type
+from sandbox.integrators.conjugate_gradients import ConjugateGradients
+from sandbox.state import place
+
+SOLVE, SEARCH, DONE = 0, 1, 2
+"""What comes next: a new direction, another way along the last one, nothing."""
+
+MOST_ITERATIONS = 20
+"""Most Newton iterations a step, unless the scene says otherwise."""
+MOST_ROUNDS = 5
+"""Most times that reactions are corrected in a step."""
+_OVERSHOOT = 0.25
+"""Part of the slope at the start that the slope may have at the end, if of opposite sign [1]."""
+_UNDERSHOOT = 0.3
+"""Part of it above which, if of the same sign, it pays to go on [1]."""
+_MOST_CUTS = 12
+_MOST_STRETCHES, _MOST_STRETCH = 2, 3.0
+_LEAST_CUT, _MOST_CUT = 0.1, 0.9
+_FIRST_FORCING, _LEAST_FORCING = 1e-4, 1e-2
+"""Square of how far the first direction's residual is reduced [1], and the least reduction squared of any."""
+_NOTABLE = 0.05**2
+"""Square of a change of reactions, as part of all impulses, that is left to the next step [1]."""
+_LESS, _MORE = 0.25, 1.5
+"""How much less or more of the true stiffness of compressed springs the next direction goes by [1]."""
+_EXACT = 1e-6
+"""Square of the part of the tolerance at which a step needs no direction at all [1]."""
+_STEPS, _NEWTON, _MOST_NEWTON, _LINEAR, _MOST_LINEAR, _RESIDUAL, _UNFINISHED = range(7)
+
+
+@ti.data_oriented
+class Newton:
+    """The state of one step's iteration, and a tally of all steps since the start."""
+
+    def __init__(
+        self, builder: ti.FieldsBuilder, linear: ConjugateGradients, laws: list[Any], most: int, tolerance: float
+    ) -> None:
+        self.linear = linear
+        self.bounded = [law for law in laws if hasattr(law, "is_outside")]
+        self.most = most
+        self.tolerance2 = tolerance**2
+        fine = fine_type()
+        self.way, self.steepness, self.low, self.rise = (place(builder, ti.field(fine), 1) for _ in range(4))
+        """Part of the direction gone; slope at its start; the last part after which it was positive, and it there."""
+        self.residual, self.impulse, self.before = (place(builder, ti.field(fine), 1) for _ in range(3))
+        """|M^-1/2 r|^2 and |M^-1/2 s|^2 at the last trial that was taken; the former at the one before."""
+        counts = (place(builder, ti.field(ti.i32), 1) for _ in range(9))
+        self.iterations, self.linear_iterations, self.opened, self.cuts, self.stretches, self.rounds, *flags = counts
+        self.searching, self.solved, self.code = flags
+        self.tally = place(builder, ti.field(fine), 7)
+
+    def report(self) -> dict[str, float]:
+        """Iterations a step since the start, mean and most, and the largest relative residual that a step ended with.
+
+        ``unfinished`` is the part of steps that ran out of iterations.
+        """
+        tally = self.tally.to_numpy()
+        steps = max(1.0, float(tally[_STEPS]))
+        return {
+            "steps": float(tally[_STEPS]),
+            "newton_mean": float(tally[_NEWTON]) / steps,
+            "newton_most": float(tally[_MOST_NEWTON]),
+            "cg_mean": float(tally[_LINEAR]) / steps,
+            "cg_most": float(tally[_MOST_LINEAR]),
+            "residual": float(np.sqrt(tally[_RESIDUAL])),
+            "unfinished": float(tally[_UNFINISHED]) / steps,
+        }
+
+    @ti.func
+    def start(self):
+        """Begin a step."""
+        self.way[0], self.low[0] = 1.0, 0.0
+        self.iterations[0], self.linear_iterations[0], self.opened[0] = 0, 0, 0
+        self.cuts[0], self.stretches[0] = 0, 0
+        self.rounds[0], self.searching[0], self.solved[0] = 0, 0, 0
+        self.before[0] = 0.0
+        self.linear.yielding[0] = 1.0
+
+    @ti.func
+    def is_outside(self) -> ti.i32:
+        """1 where the state last prepared is none that forces are defined for."""
+        outside = 0
+        for law in ti.static(self.bounded):
+            outside = ti.max(outside, law.is_outside())
+        return outside
+
+    @ti.func
+    def decide(self, residual, impulse, slope, steepness):
+        """What to do at a trial with these sums: :attr:`residual`, :attr:`impulse`, direction . r now and at first."""
+        self.steepness[0] = steepness
+        if self.low[0] == 0.0:
+            self.rise[0] = steepness
+        outside = self.is_outside()
+        past = self.searching[0] == 1 and slope < -_OVERSHOOT * self.steepness[0]
+        short = self.searching[0] == 1 and slope > _UNDERSHOOT * self.steepness[0]
+        code = SOLVE
+        if self.cuts[0] < _MOST_CUTS and (outside == 1 or past):
+            self._cut(slope, outside)
+            code = SEARCH
+        elif short and self.cuts[0] == 0 and self.stretches[0] < _MOST_STRETCHES:
+            self._stretch(slope)
+            code = SEARCH
+        else:
+            self.before[0] = self.residual[0]
+            self.residual[0], self.impulse[0] = residual, impulse
+            enough = self.tolerance2 * impulse
+            if residual <= _EXACT * enough or self.iterations[0] - self.opened[0] >= self.most:
+                code = DONE
+            elif self.solved[0] == 1 and residual <= ti.max(enough, self.linear.noise[0]):
+                code = DONE
+        self.code[0] = code
+
+    @ti.func
+    def _cut(self, slope, outside):
+        """Go back to where the slope would vanish if it fell evenly since the last place where it was positive."""
+        cut = 0.5 * self.linear.sums.one()
+        if outside == 0:
+            cut = ti.min(ti.max(self.rise[0] / (self.rise[0] - slope), _LEAST_CUT), _MOST_CUT)
+        self.way[0] = self.low[0] + cut * (self.way[0] - self.low[0])
+        self.cuts[0] += 1
+
+    @ti.func
+    def _stretch(self, slope):
+        """Go on to where it would vanish if it fell on as since the start."""
+        stretch = _MOST_STRETCH * self.linear.sums.one()
+        if slope < self.steepness[0]:
+            stretch = ti.min(stretch, self.steepness[0] / (self.steepness[0] - slope))
+        self.low[0], self.rise[0] = self.way[0], slope
+        self.way[0] *= stretch
+        self.stretches[0] += 1
+
+    @ti.func
+    def begin_solve(self, noise):
+        """How precise a linear solve pays, and its start."""
+        ratio = ti.cast(_FIRST_FORCING, self.linear.sums.fine)
+        if self.solved[0] == 1 and self.before[0] > 0.0:
+            ratio = ti.min(0.81 * (self.residual[0] / self.before[0]) ** 2, _LEAST_FORCING)
+        self.linear.start(1 - self.solved[0], noise, ratio, 0.25 * self.tolerance2 * self.impulse[0], _LEAST_FORCING)
+
+    @ti.func
+    def aim(self):
+        """A direction has been solved for: go all of it."""
+        self.iterations[0] += 1
+        self.linear_iterations[0] += self.linear.count[0]
+        self.way[0] = 1.0
+        self.low[0] = 0.0
+        self.cuts[0], self.stretches[0] = 0, 0
+        self.searching[0], self.solved[0] = 1, 1
+        # Where the true stiffness leads downhill without end, the next directions go by one that is more positive.
+        if self.linear.bent[0] == 1:
+            self.linear.yielding[0] *= _LESS
+        else:
+            self.linear.yielding[0] = ti.min(_MORE * self.linear.yielding[0], 1.0)
+
+    @ti.func
+    def reconsider(self, change):
+        """Reactions change by this |M^-1/2 dr|^2: if that counts, what is reached is a first guess again."""
+        notable = change > _NOTABLE * self.impulse[0]
+        if notable and self.rounds[0] < MOST_ROUNDS and self.iterations[0] < self.most:
+            self.rounds[0] += 1
+            self.opened[0] = self.iterations[0]
+            self.searching[0], self.solved[0] = 0, 0
+            self.code[0] = SOLVE
+
+    @ti.func
+    def finish(self):
+        """Enter the step into the tally."""
+        tally = ti.static(self.tally)
+        tally[_STEPS] += 1.0
+        tally[_NEWTON] += self.iterations[0]
+        tally[_MOST_NEWTON] = ti.max(tally[_MOST_NEWTON], ti.cast(self.iterations[0], self.linear.sums.fine))
+        tally[_LINEAR] += self.linear_iterations[0]
+        tally[_MOST_LINEAR] = ti.max(tally[_MOST_LINEAR], ti.cast(self.linear_iterations[0], self.linear.sums.fine))
+        if self.impulse[0] > 0.0:
+            relative = self.residual[0] / self.impulse[0]
+            tally[_RESIDUAL] = ti.max(tally[_RESIDUAL], relative)
+            if relative > self.tolerance2 and self.residual[0] > self.linear.noise[0]:
+                tally[_UNFINISHED] += 1.0

@@ -1,0 +1,83 @@
+"""What the stability study leaves: a folder with JSON, and the map as PNG and CSV."""
+
+import contextlib
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from sandbox.errors import SandboxError
+from sandbox.output.folder import RunFolder
+from sandbox.scene.load import to_toml
+from sandbox.scene.model import IntegratorName, Scene
+from sandbox.trade.stability import StableStep, stable_steps
+from sandbox.trade.stability_map import draw, stability_map, write_csv
+
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class StabilityOptions:
+    """What to look at, and where to leave it."""
+
+    name: str
+    """Name of the scene: names the folder."""
+    schemes: tuple[IntegratorName, ...]
+    horizon: float | None
+    """Time over which steps must hold [s]; None for the default."""
+    draws_map: bool
+    out: Path | None
+    """Folder; outputs/NAME-stability by default."""
+    arch: str
+    threads: int | None
+
+    @property
+    def folder(self) -> Path:
+        return self.out or Path("outputs") / f"{self.name}-stability"
+
+
+def report_stability(scene: Scene, options: StabilityOptions, silent: bool) -> tuple[list[StableStep], Path]:
+    """Study a scene; the rows of the table, and the folder that holds them.
+
+    Raises SceneError where the scene cannot be built; nothing is left then.
+    """
+    folder = RunFolder(options.folder)
+    try:
+        with _progress_bar(silent) as progress:
+            rows = stable_steps(
+                scene,
+                options.schemes,
+                options.horizon,
+                options.arch,
+                options.threads,
+                lambda done, name: progress(done, f"stable dt: {name}"),
+            )
+            if options.draws_map:
+                points = stability_map(
+                    scene, options.arch, options.threads, lambda done: progress(done, "map of stability")
+                )
+                write_csv(points, folder.partial / "stability_map.csv")
+                draw(points, folder.partial / "stability_map.png", scene.title or options.name)
+        folder.write_text("scene.toml", to_toml(scene))
+        folder.write_json("stability.json", {"name": options.name, "schemes": [asdict(row) for row in rows]})
+        folder.publish()
+    except OSError as error:
+        folder.discard()
+        raise SandboxError(f"{folder.path}: cannot be written: {error.strerror or error}") from None
+    except BaseException:
+        folder.discard()
+        raise
+    return rows, folder.path
+
+
+@contextlib.contextmanager
+def _progress_bar(silent: bool) -> Iterator[Progress]:
+    """A bar on standard error that takes a part done [1] and what is being done."""
+    if silent:
+        yield lambda *_: None
+        return
+    from rich.console import Console
+    from rich.progress import Progress as Bar
+
+    with Bar(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=1.0)
+        yield lambda done, what: bar.update(task, completed=done, description=what)
