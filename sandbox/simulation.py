@@ -255,6 +255,7 @@ class Simulation:
         """Go to the start with other masses and springs of the same bodies, with everything compiled."""
         self.assembly = assembly
         pipeline = self._wake()
+        pipeline.remember(self._first_memory)
         pipeline.reload(assembly)
         self._first_memory = pipeline.memory()
         self.restore()

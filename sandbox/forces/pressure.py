@@ -145,8 +145,8 @@ class Pressure:
             if ti.static(self.linearised):
                 self.bulk[g] = self.amounts_of.bulk_at(g, u)
                 self.outside[g] = self.amounts_of.is_inverted(u)
-            # Without time passing it is a trial, which may be taken back.
-            if dt > 0.0 and self.amounts_of.is_inverted(u):
+            # Schemes that need the linearised law also try states out, without time passing, and take them back.
+            if self.amounts_of.is_inverted(u) and (ti.static(not self.linearised) or dt > 0.0):
                 self.inverted[g] = 1
             if ti.static(self.flows):
                 if dt > 0.0:

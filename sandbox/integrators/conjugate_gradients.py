@@ -66,8 +66,8 @@ class ConjugateGradients:
         """Iterations of this solve."""
         self.going = place(builder, ti.field(ti.i32), 1)
         """1 while the solve is not done."""
-        self.yielding = place(builder, ti.field(self.real), 1)
-        """Part to which compressed springs may give way in the next solve [1]."""
+        self.yielding = place(builder, ti.field(ti.i32), 1)
+        """1 where compressed springs may give way in the next solve."""
         self.guessed = place(builder, ti.field(ti.i32), 1)
         self.bent = place(builder, ti.field(ti.i32), 1)
         """1 where this solve met a direction of no curvature, and ended there."""
@@ -86,7 +86,7 @@ class ConjugateGradients:
         if w > 0.0:
             m = inertia * self.state.mass[i]
             for law in ti.static(self.linking):
-                law.link(i, slot, stiff, damp, self.yielding[0])
+                law.link(i, slot, stiff, damp, ti.cast(self.yielding[0], self.real))
             matrix, unsure = self._block_of(i, slot, stiff, damp)
             own = self.rounding * self.state.mass[i] * ti.abs(self.state.v[slot, i] + guess).max()
             noise = w * (unsure * unsure / stiff + own * own)

@@ -38,8 +38,6 @@ _FIRST_FORCING, _LEAST_FORCING = 1e-4, 1e-2
 """Square of how far the first direction's residual is reduced [1], and the least reduction squared of any."""
 _NOTABLE = 0.05**2
 """Square of a change of reactions, as part of all impulses, that is left to the next step [1]."""
-_LESS, _MORE = 0.25, 1.5
-"""How much less or more of the true stiffness of compressed springs the next direction goes by [1]."""
 _EXACT = 1e-6
 """Square of the part of the tolerance at which a step needs no direction at all [1]."""
 _STEPS, _NEWTON, _MOST_NEWTON, _LINEAR, _MOST_LINEAR, _RESIDUAL, _UNFINISHED = range(7)
@@ -91,7 +89,7 @@ class Newton:
         self.cuts[0], self.stretches[0] = 0, 0
         self.rounds[0], self.searching[0], self.solved[0] = 0, 0, 0
         self.before[0] = 0.0
-        self.linear.yielding[0] = 1.0
+        self.linear.yielding[0] = 1
 
     @ti.func
     def is_outside(self) -> ti.i32:
@@ -163,11 +161,8 @@ class Newton:
         self.low[0] = 0.0
         self.cuts[0], self.stretches[0] = 0, 0
         self.searching[0], self.solved[0] = 1, 1
-        # Where the true stiffness leads downhill without end, the next directions go by one that is more positive.
-        if self.linear.bent[0] == 1:
-            self.linear.yielding[0] *= _LESS
-        else:
-            self.linear.yielding[0] = ti.min(_MORE * self.linear.yielding[0], 1.0)
+        # Where the true stiffness leads downhill without end, the next direction goes by the positive one.
+        self.linear.yielding[0] = 1 - self.linear.bent[0]
 
     @ti.func
     def reconsider(self, change):
