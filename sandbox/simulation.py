@@ -16,7 +16,7 @@ from sandbox.pipeline import MOST_NEIGHBOURS, Memory, Pipeline, build_pipeline, 
 from sandbox.postmortem import Failure, describe
 from sandbox.scene.assemble import Assembly, assemble
 from sandbox.scene.model import Scene
-from sandbox.start import check_start
+from sandbox.start import check_memory, check_start
 from sandbox.state import ParticleState
 from sandbox.step_size import EnergyWatch, Rescue, StepSize
 
@@ -227,19 +227,12 @@ class Simulation:
                 raise SceneError(f"{name}: must be finite numbers of shape {shape}, got shape {array.shape}")
             arrays.append(self.assembly.internal_order(array))
         if memory is not None:
-            self._check_memory(memory)
+            check_memory(self._first_memory, memory)
             self._wake().remember(memory)
         self._wake().state.write(*arrays)
         self._measurement = None
         self.time = self.time if time is None else time
         self._wake().set_time(self.time)
-
-    def _check_memory(self, memory: Memory) -> None:
-        for name, values in self._first_memory.items():
-            if name.startswith("ledger."):
-                continue  # a run may begin its books anew
-            if name not in memory or memory[name].shape != values.shape or not np.isfinite(memory[name]).all():
-                raise SceneError(f"state: {name} must be {len(values)} finite numbers for this scene")
 
     def restore(self) -> None:
         """Go back to the start of the scene, with everything compiled."""

@@ -1,6 +1,9 @@
-"""What must be true of a scene before its first step. NumPy only."""
+"""What must be true of a scene before its first step, and of a state to go on from. NumPy only."""
+
+from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sandbox.errors import SceneError
 from sandbox.postmortem import Failure
@@ -29,3 +32,12 @@ def check_start(assembly: Assembly, precision: str) -> None:
             f"diagnostics.max_strain: {failure.element(assembly)} starts at strain {failure.strain:.4g}, "
             f"above {bounds.max_strain:.4g}"
         )
+
+
+def check_memory(first: Mapping[str, NDArray[np.float64]], memory: Mapping[str, NDArray[np.float64]]) -> None:
+    """Raise SceneError where ``memory`` is not of the names and shapes that a scene begins with, or not finite."""
+    for name, values in first.items():
+        if name.startswith("ledger."):
+            continue  # a run may begin its books anew
+        if name not in memory or memory[name].shape != values.shape or not np.isfinite(memory[name]).all():
+            raise SceneError(f"state: {name} must be {len(values)} finite numbers for this scene")
