@@ -23,6 +23,7 @@ bench: $(VENV)/.installed-dev
 	$(BIN)/python benchmarks/render_frame.py
 	$(BIN)/python benchmarks/contact.py
 	$(BIN)/python benchmarks/parts.py
+	$(BIN)/python benchmarks/ladder.py
 
 clean:
 	rm -rf $(VENV) outputs
