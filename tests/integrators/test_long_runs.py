@@ -1,4 +1,4 @@
-"""Energy over 100,000 periods of one oscillator: kept by Verlet and the midpoint rule, lost by implicit Euler as known."""
+"""Energy over 100,000 periods of one oscillator: kept by Verlet and the midpoint rule, lost by implicit Euler."""
 
 import math
 
@@ -33,7 +33,7 @@ def state(simulation) -> tuple[float, float]:
 
 @pytest.mark.parametrize("integrator", ["velocity_verlet", "implicit_midpoint"])
 def test_no_drift_of_energy_in_a_hundred_thousand_periods(simulate, integrator):
-    """Of the quantity that the scheme keeps: v^2 + w^2 x^2 (1 - w^2 h^2 / 4) for Verlet, the energy for the midpoint."""
+    """Of what the scheme keeps: v^2 + w^2 x^2 (1 - w^2 h^2 / 4) for Verlet, the energy for the midpoint rule."""
     simulation = simulate(stiff_pair(integrator, tolerance=1e-12))
     turn = OMEGA * simulation.dt
     share = 1.0 - turn**2 / 4.0 if integrator == "velocity_verlet" else 1.0
