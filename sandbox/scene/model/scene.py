@@ -62,7 +62,7 @@ class Solver(Model):
         0.0, description="spectral radius that vbd's Chebyshev acceleration reckons with [1]; 0 is without"
     )
     accuracy: Annotated[Real, Field(gt=0, le=1)] = Field(
-        0.5,
+        0.15,
         description='relative error of the slowest deformation over its period that dt = "auto" of an implicit scheme '
         "aims at [1]",
     )
