@@ -24,7 +24,7 @@ DT = 1e-5
 
 def run(simulation: Simulation, steps: int) -> None:
     """Steps alone, without the checks that frames come with."""
-    simulation._wake().stepper.advance(steps, DT)
+    simulation._wake().stepper.advance(steps, DT, 0.0)
     runtime.ti.sync()
 
 

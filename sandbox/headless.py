@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from sandbox import __version__, checkpoint
 from sandbox.balance import EnergyBalance
-from sandbox.errors import DivergedError, SandboxError, SceneError
+from sandbox.errors import DivergedError, SceneError
 from sandbox.output.folder import RunFolder
 from sandbox.output.metrics import MetricsWriter
 from sandbox.output.progress import NoProgress, ProgressReport
@@ -146,20 +146,14 @@ def run(scene: Scene, options: RunOptions, progress: ProgressReport | None = Non
     _check_options(options)
     start = clock.perf_counter()
     folder = RunFolder(options.folder)
-    try:
+    failure: BaseException | None = None
+    with folder.discarded_on_failure():
         recorder = _Recorder(scene, options, folder, start)
-        failure: BaseException | None = None
         try:
             recorder.record(progress or NoProgress())
         except (DivergedError, KeyboardInterrupt) as error:
             failure = error
         summary = recorder.finish(failure)
-    except OSError as error:
-        folder.discard()
-        raise SandboxError(f"{folder.path}: cannot be written: {error.strerror or error}") from None
-    except BaseException:
-        folder.discard()
-        raise
     if failure is not None:
         raise failure
     return summary
@@ -255,12 +249,8 @@ class _Recorder:
     def _draw(self, number: int, count: int, elastic: float) -> None:
         if isinstance(self.renderer, NullRenderer):
             return
-        state = self.simulation.state
         with self.timings.measure("render"):
-            values = None if self.values is None else self.values.update()
-            picture = self.renderer.draw(
-                state.x, state.slot, values, time=self.simulation.time, torn=self.simulation.torn
-            )
+            picture = self._picture()
         with self.timings.measure("encode"):
             self.writer.write(picture)
         self.pictures += 1
@@ -269,17 +259,20 @@ class _Recorder:
         if merit > self.poster_merit:
             self.poster, self.poster_merit = picture, merit
 
+    def _picture(self) -> NDArray[np.uint8]:
+        """The state as it is now."""
+        simulation = self.simulation
+        state = simulation.state
+        values = None if self.values is None else self.values.update()
+        return self.renderer.draw(state.x, state.slot, values, time=simulation.time, torn=simulation.torn)
+
     def _draw_postmortem(self, error: DivergedError) -> None:
         """The last good picture, with what left its bounds first marked in it."""
         if isinstance(self.renderer, NullRenderer) or not error.particles:
             return
-        simulation = self.simulation
-        state = simulation.state
-        values = None if self.values is None else self.values.update()
-        picture = self.renderer.draw(state.x, state.slot, values, time=simulation.time, torn=simulation.torn)
-        points = self.renderer.pixels(simulation.positions()[list(error.particles)])
+        points = self.renderer.pixels(self.simulation.positions()[list(error.particles)])
         label = f"{error.element} left its bounds at t = {error.time:.4g} s"
-        iio.imwrite(self.folder.partial / "postmortem.png", mark(picture, points, label))
+        iio.imwrite(self.folder.partial / "postmortem.png", mark(self._picture(), points, label))
 
     def _real_time_factor(self) -> float:
         # The first advance compiles; it says nothing of speed unless it is all there is.

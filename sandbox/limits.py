@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eigh, null_space
 
 from sandbox import stability
 from sandbox.integrators.schemes import ImplicitScheme, RungeKuttaScheme, Scheme, SplittingScheme
@@ -58,7 +57,8 @@ def stable_step(scheme: Scheme, network: SpringNetwork, positions: FloatArray, d
 def limit(scheme: Scheme, network: SpringNetwork, positions: FloatArray, duration: float) -> Limit:
     """The same with the mode that goes first."""
     if isinstance(scheme, SplittingScheme):
-        return _splitting_limit(scheme, network, positions)
+        step, mode = stability.stable_mode(network, positions, scheme.damping_weight)
+        return Limit(step, mode, stability.frequency_of(network, positions, mode), _SWING)
     if not isinstance(scheme, RungeKuttaScheme) or not stability.has_modes(network):
         return Limit(np.inf, np.zeros_like(positions), 0.0, GROWTH)
     return _growth_limit(scheme, network, positions, duration)
@@ -105,12 +105,6 @@ def _growth_slopes(scheme: RungeKuttaScheme, kappa: float, gamma: float, step: f
     width = 1e-3 * max(z, math.sqrt(z2))
     by_damping = (growth(z2, z + width) - growth(z2, max(z - width, 0.0))) / (width + min(width, z))
     return step**2 * by_stiffness, step * by_damping
-
-
-def _splitting_limit(scheme: SplittingScheme, network: SpringNetwork, positions: FloatArray) -> Limit:
-    step = stability.stable_step(network, positions, scheme.damping_weight)
-    _, mode = stability.step_of_top_mode(network, positions, scheme.damping_weight, lambda *_: step)
-    return Limit(step, mode, stability.frequency_of(network, positions, mode), _SWING)
 
 
 def growth_step(scheme: RungeKuttaScheme, rates: NDArray[np.complex128], duration: float) -> float:
@@ -174,6 +168,9 @@ def slowest_frequency(network: SpringNetwork, positions: FloatArray, body: NDArr
 
 def _slowest_of(network: SpringNetwork, positions: FloatArray, members: NDArray[np.int64]) -> float:
     """The same for the body of these particles."""
+    # Only implicit schemes come here: the others need not wait for the import.
+    from scipy.linalg import eigh, null_space
+
     held = network.inverse_masses[members] == 0.0
     if held.all():
         return 0.0
@@ -193,10 +190,9 @@ def _slowest_of(network: SpringNetwork, positions: FloatArray, members: NDArray[
     for axis in range(dimension):
         moved[axis * count : (axis + 1) * count, members, axis] = fields.T
     stiffness = stability.stiffness_products(network, positions, moved)
-    masses = np.divide(1.0, network.inverse_masses, out=np.zeros(len(positions)), where=network.inverse_masses > 0.0)
     flat = moved.reshape(len(moved), -1)
     k = flat @ stiffness.reshape(len(moved), -1).T
-    m = flat @ (masses[:, None] * moved).reshape(len(moved), -1).T
+    m = flat @ (network.masses[:, None] * moved).reshape(len(moved), -1).T
     squares = eigh(0.5 * (k + k.T), m, eigvals_only=True)
     squares = squares[squares > _RIGID * squares.max()]
     return float(np.sqrt(squares.min())) if len(squares) and squares.min() > 0.0 else 0.0

@@ -74,6 +74,12 @@ class SpringNetwork:
     gas: GasStiffness | None = None
     """Gas in closed bodies, if there is any."""
 
+    @property
+    def masses(self) -> FloatArray:
+        """[kg], 0 where pinned, shape (N,)."""
+        free = self.inverse_masses > 0.0
+        return np.divide(1.0, self.inverse_masses, out=np.zeros_like(self.inverse_masses), where=free)
+
 
 class _GasOperator:
     """Stiffness of gas at given positions, applied to vectors. A body that is inside out has none."""
@@ -175,14 +181,21 @@ def stable_step(network: SpringNetwork, positions: FloatArray, damping_weight: f
     ``damping_weight`` w is the scheme's, see :mod:`sandbox.integrators.schemes`. The answer errs on
     the short side by at most some 1e-4 of itself.
     """
+    return stable_mode(network, positions, damping_weight)[0]
+
+
+def stable_mode(network: SpringNetwork, positions: FloatArray, damping_weight: float) -> tuple[float, FloatArray]:
+    """The same with the mode that sets it: displacements of any length, shape (N, d)."""
 
     def of_mode(kappa: float, gamma: float) -> float:
         total = damping_weight * gamma
         return np.inf if kappa + total <= 0.0 else float(8.0 / (total + np.sqrt(total**2 + 16.0 * kappa)))
 
-    step, _ = step_of_top_mode(network, positions, damping_weight, of_mode)
+    step, mode = step_of_top_mode(network, positions, damping_weight, of_mode)
     # Gas has no bound that holds in any shape.
-    return step if network.gas is not None or step == np.inf else max(step, row_sum_step(network, damping_weight))
+    if network.gas is None and step != np.inf:
+        step = max(step, row_sum_step(network, damping_weight))
+    return step, mode
 
 
 def step_of_top_mode(
@@ -275,8 +288,7 @@ def stiffness_products(network: SpringNetwork, positions: FloatArray, moved: Flo
 
 def frequency_of(network: SpringNetwork, positions: FloatArray, mode: FloatArray) -> float:
     """Angular frequency of a mode of vibration, shape (N, d), by Rayleigh's quotient [rad/s]."""
-    masses = np.divide(1.0, network.inverse_masses, out=np.zeros(len(mode)), where=network.inverse_masses > 0.0)
-    inertia = float((masses[:, None] * mode**2).sum())
+    inertia = float((network.masses[:, None] * mode**2).sum())
     stiffness = float((stiffness_products(network, positions, mode[None])[0] * mode).sum())
     return float(np.sqrt(max(stiffness, 0.0) / inertia)) if inertia > 0.0 else 0.0
 

@@ -4,6 +4,7 @@ import contextlib
 import json
 import os
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,18 @@ class RunFolder:
             process = folder.name.removeprefix(_PREFIX)
             if not (process.isdigit() and _is_running(int(process))):
                 shutil.rmtree(folder, ignore_errors=True)
+
+    @contextlib.contextmanager
+    def discarded_on_failure(self) -> Iterator[None]:
+        """Leave nothing of this run behind if the block fails; trouble in writing is one line of an error."""
+        try:
+            yield
+        except OSError as error:
+            self.discard()
+            raise SandboxError(f"{self.path}: cannot be written: {error.strerror or error}") from None
+        except BaseException:
+            self.discard()
+            raise
 
     def write_text(self, name: str, text: str) -> None:
         """Add a text file."""

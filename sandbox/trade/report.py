@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from sandbox.errors import SandboxError
 from sandbox.output.folder import RunFolder
 from sandbox.scene.load import to_toml
 from sandbox.scene.model import IntegratorName, Scene
@@ -41,7 +40,7 @@ def report_stability(scene: Scene, options: StabilityOptions, silent: bool) -> t
     Raises SceneError where the scene cannot be built; nothing is left then.
     """
     folder = RunFolder(options.folder)
-    try:
+    with folder.discarded_on_failure():
         with _progress_bar(silent) as progress:
             rows = stable_steps(
                 scene,
@@ -60,12 +59,6 @@ def report_stability(scene: Scene, options: StabilityOptions, silent: bool) -> t
         folder.write_text("scene.toml", to_toml(scene))
         folder.write_json("stability.json", {"name": options.name, "schemes": [asdict(row) for row in rows]})
         folder.publish()
-    except OSError as error:
-        folder.discard()
-        raise SandboxError(f"{folder.path}: cannot be written: {error.strerror or error}") from None
-    except BaseException:
-        folder.discard()
-        raise
     return rows, folder.path
 
 

@@ -70,14 +70,19 @@ def with_solver(scene: Scene, **changes: Any) -> Scene:
     return scene.model_copy(update={"solver": scene.solver.model_copy(update=changes)})
 
 
+def provoked(scene: Scene, arch: str, threads: int | None) -> Simulation:
+    """A simulation of double precision that is meant to blow up: it neither warns of that nor looks into it."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StabilityWarning)
+        simulation = Simulation(scene, arch=arch, precision="f64", threads=threads)
+    simulation.explains_failures = False
+    return simulation
+
+
 def _measure(scene: Scene, name: IntegratorName, horizon: float, arch: str, threads: int | None) -> StableStep:
     scheme = SCHEMES[name]
     altered = with_solver(scene, integrator=name, dt=min(1e-3, horizon), adapt=None)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StabilityWarning)
-        simulation = Simulation(altered, arch=arch, precision="f64", threads=threads)
-    with simulation:
-        simulation.explains_failures = False
+    with provoked(altered, arch, threads) as simulation:
         assembly = simulation.assembly
         for halving in range(_MOST_HALVINGS):
             span = horizon / 2**halving

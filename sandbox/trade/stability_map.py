@@ -6,7 +6,6 @@ One simulation serves the whole map: its springs and masses are written anew for
 
 import csv
 import math
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
@@ -20,9 +19,8 @@ from sandbox.pipeline import network_of
 from sandbox.scene.assemble import Assembly
 from sandbox.scene.model import Body, Scene
 from sandbox.simulation import Simulation
-from sandbox.step_size import StabilityWarning
 from sandbox.trade.growth import Disturbance
-from sandbox.trade.stability import LONGEST, with_solver
+from sandbox.trade.stability import LONGEST, provoked, with_solver
 
 STIFFNESS = (0.01, 0.1, 1.0, 10.0, 100.0)
 """Factors of the scene's own stiffness [1]."""
@@ -63,13 +61,9 @@ def stability_map(
     """Measure the map of a scene with its own scheme, in double precision, around its start. Some minutes."""
     name = scene.solver.integrator
     plain = scene.model_copy(update={"gravity": None, "bodies": tuple(map(_damped, scene.bodies))})
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StabilityWarning)
-        simulation = Simulation(with_solver(plain, dt=1e-4, adapt=None), arch=arch, precision="f64", threads=threads)
     points: list[MapPoint] = []
     cells = [(m, z, k) for m in MASS_RATIOS for z in DAMPING for k in STIFFNESS]
-    with simulation:
-        simulation.explains_failures = False
+    with provoked(with_solver(plain, dt=1e-4, adapt=None), arch, threads) as simulation:
         base = simulation.assembly
         for number, (mass_ratio, damping_ratio, stiffness) in enumerate(cells):
             altered = alter(base, mass_ratio, damping_ratio, stiffness)
