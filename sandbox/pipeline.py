@@ -18,8 +18,9 @@ from sandbox.forces.pressure import Pressure
 from sandbox.forces.springs import plain_springs
 from sandbox.forces.tears import Tears
 from sandbox.forces.wind import WindForce
-from sandbox.integrators.build import Stepper, build_stepper, stage_slots, takes_slices
+from sandbox.integrators.build import build_stepper, stage_slots, takes_slices
 from sandbox.integrators.schemes import Scheme
+from sandbox.integrators.stepper import Stepper
 from sandbox.ledger import Ledger
 from sandbox.parts import Parts
 from sandbox.scene.assemble import Assembly, combine_bodies

@@ -4,7 +4,6 @@ What acts on a face is passed to its corners. Each particle gathers its own shar
 that no two threads write to one place, and the order of the sum never changes.
 """
 
-import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,16 +22,6 @@ class FaceRows:
     """Face of every entry, rising within a row, shape (d F,)."""
 
 
-@dataclass(frozen=True)
-class Blocks:
-    """Runs of consecutive faces of one group that are summed one after the other."""
-
-    first: IntArray
-    """First face of every block, and one after the last face, shape (block_count + 1,)."""
-    row: IntArray
-    """First block of every group, and one after the last block, shape (group_count + 1,)."""
-
-
 def incident_faces(faces: IntArray, particle_count: int) -> FaceRows:
     """Rows of faces, shape (F, d) with d = 2 or 3."""
     count, corners = faces.shape
@@ -41,12 +30,3 @@ def incident_faces(faces: IntArray, particle_count: int) -> FaceRows:
     by_row = np.lexsort((face, owner))
     row = np.concatenate([[0], np.cumsum(np.bincount(owner, minlength=particle_count))])
     return FaceRows(row=row.astype(np.int32), face=face[by_row].astype(np.int32))
-
-
-def divide(group: IntArray, group_count: int, size: int) -> Blocks:
-    """Blocks of at most ``size`` faces, none of which holds two groups. ``group`` (F,) must rise."""
-    ends = np.searchsorted(group, np.arange(group_count + 1))
-    firsts = [np.arange(start, end, size) for start, end in itertools.pairwise(ends)]
-    row = np.concatenate([[0], np.cumsum([len(own) for own in firsts])])
-    first = np.concatenate([*firsts, ends[-1:]])
-    return Blocks(first=first.astype(np.int32), row=row.astype(np.int32))

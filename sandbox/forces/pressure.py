@@ -10,17 +10,14 @@ from numpy.typing import NDArray
 
 from sandbox import runtime
 from sandbox.forces.face_fields import FaceFields
-from sandbox.forces.faces import divide
 from sandbox.forces.gas import GasAmounts
 from sandbox.forces.tears import Tears
+from sandbox.group_blocks import GroupBlocks, GroupFields
 from sandbox.ledger import Ledger
 from sandbox.scene.assemble import Assembly
 from sandbox.state import ParticleState, place
 
 FloatArray = NDArray[np.float64]
-
-# Faces whose volumes are added up one after the other.
-_BLOCK = 64
 
 
 @ti.data_oriented
@@ -58,8 +55,12 @@ class Pressure:
         self.faces = FaceFields(builder, assembly.gas_faces, state, tears)
         bodies = [gas.body for gas in self.gases]
         self.face_gas = np.searchsorted(bodies, assembly.gas_faces.body).astype(np.int32)
-        self.blocks = divide(self.face_gas, self.count, _BLOCK)
-        self.prepare_count = len(self.blocks.first) - 1
+        """Gas of every face, which rises, shape (F,)."""
+        self.particle_gas = np.full(state.count, -1, dtype=np.int32)
+        """Gas that presses on a particle, -1 if none, shape (particle_count,)."""
+        self.particle_gas[assembly.gas_faces.faces] = self.face_gas[:, None]
+        self.blocks = GroupFields(builder, GroupBlocks.of(self.face_gas, self.count))
+        self.prepare_count = self.blocks.block_count
         """Blocks of faces, each summed by one call of :meth:`prepare_at`."""
         self.tearing = tears is not None
         self.flows = self.amounts_of.leaks or self.amounts_of.pumped or self.tearing
@@ -69,12 +70,9 @@ class Pressure:
 
     def _place(self, builder: ti.FieldsBuilder) -> None:
         self.gas = place(builder, ti.field(ti.i32), self.state.count)
-        """Gas that presses on a particle, -1 if none."""
+        """:attr:`particle_gas`."""
         self.share = place(builder, self.vector.field(), self.faces.count)
         """Part of a face's outward area vector that each corner takes [m^2], shape (F,)."""
-        self.block_first = place(builder, ti.field(ti.i32), self.prepare_count + 1)
-        self.block_row = place(builder, ti.field(ti.i32), self.count + 1)
-        self.block_gas = place(builder, ti.field(ti.i32), self.prepare_count)
         self.block_volume = place(builder, ti.field(self.fine), self.prepare_count)
         self.reference = place(builder, ti.field(ti.i32), self.count)
         """A particle of the body: volumes are measured from it, and energies booked on it."""
@@ -103,13 +101,11 @@ class Pressure:
 
     def load(self, assembly: Assembly) -> None:
         """Upload faces and constants, and the amounts that the scene starts with."""
-        faces, blocks = assembly.gas_faces, self.blocks
-        gas = np.full(self.state.count, -1, dtype=np.int32)
-        gas[faces.faces] = self.face_gas[:, None]
         self.faces.load()
-        block_gas = np.repeat(np.arange(self.count, dtype=np.int32), np.diff(blocks.row))
-        reference = faces.faces[blocks.first[blocks.row[:-1]], 0]
-        self._write(gas, blocks.first, blocks.row, block_gas, np.ascontiguousarray(reference))
+        self.blocks.load()
+        blocks = self.blocks.blocks
+        reference = assembly.gas_faces.faces[blocks.first[blocks.row[:-1]], 0]
+        self._write(self.particle_gas, np.ascontiguousarray(reference))
         self.amounts_of.load()
 
     # -- the pass before the forces -----------------------------------------------------------------
@@ -117,9 +113,9 @@ class Pressure:
     @ti.func
     def prepare_at(self, k, slot, time, dt):
         """Area vectors, volume, and area of holes, of block k of faces."""
-        origin = self._origin_of(self.block_gas[k], slot)
+        origin = self._origin_of(self.blocks.group[k], slot)
         volume, open_area = ti.cast(0.0, self.fine), ti.cast(0.0, self.fine)
-        for f in range(self.block_first[k], self.block_first[k + 1]):
+        for f in range(self.blocks.first[k], self.blocks.first[k + 1]):
             start, area = self._face_at(f, slot)
             self.share[f] = ti.cast(area / self.state.dimension, self.real)
             volume += (start - origin).dot(area)
@@ -136,7 +132,7 @@ class Pressure:
         """Gauge pressure of every gas; then what flows in and out over ``dt`` [s] from ``time`` [s]."""
         for g in range(self.count):
             volume, hole = ti.cast(0.0, self.fine), ti.cast(0.0, self.fine)
-            for k in range(self.block_row[g], self.block_row[g + 1]):
+            for k in range(self.blocks.row[g], self.blocks.row[g + 1]):
                 volume += self.block_volume[k]
                 if ti.static(self.tearing):
                     hole += self.block_hole[k]
@@ -158,7 +154,7 @@ class Pressure:
     def volume_at(self, g):
         """Volume of gas g by the last pass over the blocks [m^3]."""
         volume = ti.cast(0.0, self.fine)
-        for k in range(self.block_row[g], self.block_row[g + 1]):
+        for k in range(self.blocks.row[g], self.blocks.row[g + 1]):
             volume += self.block_volume[k]
         return volume
 
@@ -172,7 +168,7 @@ class Pressure:
         """Volume of gas g [m^3], measured anew."""
         origin = self._origin_of(g, slot)
         volume = ti.cast(0.0, self.fine)
-        for f in range(self.block_first[self.block_row[g]], self.block_first[self.block_row[g + 1]]):
+        for f in range(self.blocks.first[self.blocks.row[g]], self.blocks.first[self.blocks.row[g + 1]]):
             start, area = self._face_at(f, slot)
             volume += (start - origin).dot(area)
         return volume / self.state.dimension
@@ -222,7 +218,7 @@ class Pressure:
     def prepare_product_at(self, k, slot, u: ti.template()):
         """Change of volume and area vectors of block k of faces along u, a field of vectors."""
         change = ti.cast(0.0, self.fine)
-        for f in range(self.block_first[k], self.block_first[k + 1]):
+        for f in range(self.blocks.first[k], self.blocks.first[k + 1]):
             corners = self.faces.corners[f]
             a, b = u[corners[0]], u[corners[1]]
             total, side = a + b, b - a
@@ -244,7 +240,7 @@ class Pressure:
         """How the pressures fall along it."""
         for g in range(self.count):
             change = ti.cast(0.0, self.fine)
-            for k in range(self.block_row[g], self.block_row[g + 1]):
+            for k in range(self.blocks.row[g], self.blocks.row[g + 1]):
                 change += self.block_change[k]
             self.fall[g] = self.bulk[g] * ti.cast(change, self.real)
 
@@ -374,21 +370,8 @@ class Pressure:
             self.inverted[g] = 0
 
     @ti.kernel
-    def _write(
-        self,
-        gas: ti.types.ndarray(),
-        first: ti.types.ndarray(),
-        row: ti.types.ndarray(),
-        block_gas: ti.types.ndarray(),
-        reference: ti.types.ndarray(),
-    ):
+    def _write(self, gas: ti.types.ndarray(), reference: ti.types.ndarray()):
         for i in range(gas.shape[0]):
             self.gas[i] = gas[i]
-        for k in range(first.shape[0]):
-            self.block_first[k] = first[k]
-        for k in range(block_gas.shape[0]):
-            self.block_gas[k] = block_gas[k]
-        for g in range(row.shape[0]):
-            self.block_row[g] = row[g]
         for g in range(reference.shape[0]):
             self.reference[g] = reference[g]

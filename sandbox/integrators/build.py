@@ -1,6 +1,6 @@
 """Which stepper carries out which kind of scheme."""
 
-from typing import Any, Protocol
+from typing import Any
 
 from sandbox.integrators import kick_drift, vbd, xpbd
 from sandbox.integrators.implicit import Implicit
@@ -14,18 +14,12 @@ from sandbox.integrators.schemes import (
     Scheme,
     SplittingScheme,
 )
+from sandbox.integrators.stepper import Setup, Stepper
 from sandbox.integrators.vbd import VertexBlockDescent
 from sandbox.integrators.xpbd import Xpbd
 from sandbox.parts import Parts
 from sandbox.scene.assemble import Assembly
 from sandbox.state import ParticleState
-
-
-class Stepper(Protocol):
-    """What every scheme's machinery does."""
-
-    def advance(self, steps: int, dt: float, time: float) -> None:
-        """Take ``steps`` steps of ``dt`` [s] from ``time`` [s]; afterwards x and v are of the same time."""
 
 
 def stage_slots(scheme: Scheme) -> int:
@@ -53,22 +47,21 @@ def build_stepper(
     builder: Any, scheme: Scheme, state: ParticleState, parts: Parts, assembly: Assembly, serial: bool
 ) -> Stepper:
     """The stepper of a scheme, for just the parts of a scene; to be called before the tree is finalised."""
-    pinned = bool((assembly.inverse_masses == 0.0).any())
-    scene = assembly.scene
+    setup = Setup(builder, state, parts, assembly, serial)
     if isinstance(scheme, ImplicitScheme | DescentScheme):
         for law in parts.laws:
             if hasattr(law, "linearise"):
                 law.linearise(builder)
     match scheme:
         case SplittingScheme():
-            return KickDrift(scheme, state, parts, scene.drag, pinned, serial)
+            return KickDrift(setup, scheme)
         case RungeKuttaScheme():
-            return RungeKutta(builder, scheme, state, parts, scene.drag, pinned, serial)
+            return RungeKutta(setup, scheme)
         case ImplicitScheme():
-            return Implicit(builder, scheme, state, parts, scene.solver, scene.drag, pinned, serial)
+            return Implicit(setup, scheme)
         case ConstraintScheme():
-            return Xpbd(builder, state, parts, scene.drag, pinned, scene.solver.iterations, serial)
+            return Xpbd(setup)
         case DescentScheme():
-            return VertexBlockDescent(builder, state, parts, assembly, serial)
+            return VertexBlockDescent(setup)
         case _:
-            raise NotImplementedError(scene.solver.integrator)
+            raise NotImplementedError(assembly.scene.solver.integrator)

@@ -28,6 +28,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from sandbox import runtime
+from sandbox.group_blocks import GroupBlocks, GroupFields
 from sandbox.integrators.colouring import ColourLists, colour_edges
 from sandbox.scene.assemble import Assembly
 from sandbox.state import ParticleState, place
@@ -39,8 +40,6 @@ _TINY = 1e-24
 # Part of a spring's length by which its push may move its ends and still turn with it at once; from 0.4 on, bodies
 # under loads that the iterations cannot solve crumple.
 _TURN = 0.05
-# Particles whose contributions to a gas are added up one after the other.
-_BLOCK = 64
 
 
 @ti.data_oriented
@@ -162,16 +161,12 @@ class GasConstraints:
         self.state = state
         self.gas_count = law.count
         self.fine, self.real = law.fine, runtime.real()
-        self.members, self.blocks, self.rows = _members(law)
-        self.count = len(self.members)
-        self.block_count = len(self.blocks) - 1
+        self.blocks = GroupFields(builder, GroupBlocks.of(law.particle_gas, law.count))
         """Blocks of particles of one gas, summed one after the other."""
-        self.member = place(builder, ti.field(ti.i32), self.count)
+        self.count = self.blocks.member_count
         self.area = place(builder, runtime.vector(state.dimension).field(), self.count)
         """A_i [m^2], shape (M,)."""
-        self.block_first = place(builder, ti.field(ti.i32), self.block_count + 1)
-        self.block_row = place(builder, ti.field(ti.i32), self.gas_count + 1)
-        self.block_sum = place(builder, ti.field(self.fine), self.block_count)
+        self.block_sum = place(builder, ti.field(self.fine), self.blocks.block_count)
         self.impulse = place(builder, ti.field(self.fine), self.gas_count)
         """What every gas has pressed with so far in the step [Pa s], shape (G,)."""
         self.change = place(builder, ti.field(self.real), self.gas_count)
@@ -185,22 +180,11 @@ class GasConstraints:
 
     def load(self, assembly: Assembly) -> None:
         """Upload who belongs to which gas."""
-        self._write(self.members, self.blocks, self.rows, _slopes(self.law, assembly))
+        self.blocks.load()
+        self._write(_slopes(self.law, assembly))
 
     @ti.kernel
-    def _write(
-        self,
-        members: ti.types.ndarray(),
-        blocks: ti.types.ndarray(),
-        rows: ti.types.ndarray(),
-        slopes: ti.types.ndarray(),
-    ):
-        for m in range(self.count):
-            self.member[m] = members[m]
-        for k in range(self.block_count + 1):
-            self.block_first[k] = blocks[k]
-        for g in range(self.gas_count + 1):
-            self.block_row[g] = rows[g]
+    def _write(self, slopes: ti.types.ndarray()):
         for g in range(self.gas_count):
             self.slope[g] = slopes[g]
 
@@ -213,17 +197,17 @@ class GasConstraints:
     def sweep_serial(self, start, trial, dt, gain, iteration):
         """The same as :meth:`sweep`; its loops are serial where the calling kernel calls it inside another one."""
         for m in range(self.count):
-            i = self.member[m]
+            i = self.blocks.member[m]
             self.state.x[trial, i] = self.state.x[start, i] + dt * self.state.v[trial, i]
         for k in range(self.law.prepare_count):
             self.law.prepare_at(k, trial, 0.0, 0.0)
-        for k in range(self.block_count):
+        for k in range(self.blocks.block_count):
             self._sum_block(k)
         ti.loop_config(serialize=True)
         for g in range(self.gas_count):
             self._solve(g, dt, gain, iteration)
         for m in range(self.count):
-            i = self.member[m]
+            i = self.blocks.member[m]
             self._give(m, self.law.gas[i], i, trial, iteration)
 
     @ti.func
@@ -250,8 +234,8 @@ class GasConstraints:
     @ti.func
     def _sum_block(self, k):
         total = ti.cast(0.0, self.fine)
-        for m in range(self.block_first[k], self.block_first[k + 1]):
-            i = self.member[m]
+        for m in range(self.blocks.first[k], self.blocks.first[k + 1]):
+            i = self.blocks.member[m]
             area = self.law.area_on(i)
             self.area[m] = area
             total += ti.cast(self.state.inverse_mass[i] * area.dot(area), self.fine)
@@ -262,7 +246,7 @@ class GasConstraints:
         """Change of the impulse of gas g."""
         h, time = ti.cast(dt, self.fine), ti.cast(gain, self.fine)
         total = ti.cast(0.0, self.fine)
-        for k in range(self.block_row[g], self.block_row[g + 1]):
+        for k in range(self.blocks.row[g], self.blocks.row[g + 1]):
             total += self.block_sum[k]
         amounts = self.law.amounts_of
         volume, ambient, rest = self.law.volume_at(g), amounts.ambient[g], amounts.rest_volume[g]
@@ -294,20 +278,6 @@ def _by_place(ends: IntArray, colour: IntArray) -> NDArray[np.int64]:
     """Order of springs by colour, then by their first particle: neighbours in space are so in memory."""
     low, high = ends.min(axis=1), ends.max(axis=1)
     return np.lexsort((high, low, colour))
-
-
-def _members(law: Any) -> tuple[IntArray, IntArray, IntArray]:
-    """Particles of every gas, gas after gas; first of each block of them; and first block of each gas.
-
-    The last two end with one after the last.
-    """
-    faces = law.faces.faces.faces
-    members = [np.unique(faces[law.face_gas == g]) for g in range(law.count)]
-    offset = np.cumsum([0] + [len(own) for own in members])
-    firsts = [np.arange(first, end, _BLOCK) for first, end in itertools.pairwise(offset)]
-    rows = np.cumsum([0] + [len(first) for first in firsts])
-    blocks = np.concatenate([*firsts, offset[-1:]])
-    return np.concatenate(members).astype(np.int32), blocks.astype(np.int32), rows.astype(np.int32)
 
 
 def _slopes(law: Any, assembly: Assembly) -> NDArray[np.float64]:

@@ -20,8 +20,8 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from sandbox import runtime
+from sandbox.group_blocks import GroupBlocks, GroupFields
 from sandbox.integrators.descent import MEASURE, MEET, Descent
-from sandbox.integrators.group_blocks import GroupBlocks
 from sandbox.integrators.small_systems import factorised, solved
 from sandbox.state import ParticleState, place
 
@@ -44,48 +44,29 @@ class Coupling:
         self.descent = descent
         self.products = descent.products
         self.count = law.count
-        self.gas_of = gas
-        self.host = GroupBlocks.of(gas, self.count)
-        self.blocks = len(self.host.group)
+        self.blocks = GroupFields(builder, GroupBlocks.of(gas, law.count))
         self.vector = runtime.vector(state.dimension)
         real = runtime.real()
+        self.particle_gas = gas
         self.gas = place(builder, ti.field(ti.i32), state.count)
-        self.member = place(builder, ti.field(ti.i32), len(self.host.member))
-        self.first = place(builder, ti.field(ti.i32), self.blocks + 1)
-        self.block_gas = place(builder, ti.field(ti.i32), self.blocks)
-        self.row = place(builder, ti.field(ti.i32), self.count + 1)
         self.begun = place(builder, self.vector.field(), state.count)
         """Trial positions before the sweep [m]."""
         self.lean = place(builder, self.vector.field(), state.count)
         """y of every particle so far [m^2/kg]."""
-        self.grown, self.soft = (place(builder, ti.field(real), self.blocks) for _ in range(2))
+        self.grown, self.soft = (place(builder, ti.field(real), self.blocks.block_count) for _ in range(2))
         """Growth of the volume over h [m^3/s], and (a, y) [m^4/kg], of every block of particles."""
         self.share = place(builder, ti.field(real), self.count)
         """kappa (a, B^-1 r) / (1 + kappa (a, y)) of every gas [kg/(m s)]."""
 
     def load(self) -> None:
         """Upload the lists."""
-        self._write(self.gas_of, self.host.member, self.host.first, self.host.group, self.host.row)
+        self.blocks.load()
+        self._write(self.particle_gas)
 
     @ti.kernel
-    def _write(
-        self,
-        gas: ti.types.ndarray(),
-        member: ti.types.ndarray(),
-        first: ti.types.ndarray(),
-        block_gas: ti.types.ndarray(),
-        row: ti.types.ndarray(),
-    ):
+    def _write(self, gas: ti.types.ndarray()):
         for i in range(gas.shape[0]):
             self.gas[i] = gas[i]
-        for k in range(member.shape[0]):
-            self.member[k] = member[k]
-        for b in range(first.shape[0]):
-            self.first[b] = first[b]
-        for b in range(block_gas.shape[0]):
-            self.block_gas[b] = block_gas[b]
-        for g in range(row.shape[0]):
-            self.row[g] = row[g]
 
     @ti.func
     def begin_sweep(self, slot):
@@ -119,20 +100,20 @@ class Coupling:
     @ti.func
     def end_sweep(self, slot, dt):
         """After a sweep: correct it for what volumes did. Loops run in parallel where a kernel calls this outermost."""
-        for b in range(self.blocks):
+        for b in range(self.blocks.block_count):
             self.add_up(b, slot, dt)
         ti.loop_config(serialize=True)
         for g in range(self.count):
             self.settle(g, dt)
-        for b in range(self.blocks):
+        for b in range(self.blocks.block_count):
             self.correct(b, slot, dt)
 
     @ti.func
     def add_up(self, b, slot, dt):
         """How the volume grew, and how soft it is, over a block of particles."""
         grown, soft = 0.0 * dt, 0.0 * dt
-        for k in range(self.first[b], self.first[b + 1]):
-            i = self.member[k]
+        for k in range(self.blocks.first[b], self.blocks.first[b + 1]):
+            i = self.blocks.member[k]
             area = self.law.area_on(i)
             grown += area.dot(self.state.x[1 - slot, i] - self.begun[i]) / dt
             soft += area.dot(self.lean[i])
@@ -143,7 +124,7 @@ class Coupling:
     def settle(self, g, dt):
         """What gas g makes of it."""
         grown, soft = 0.0 * dt, 0.0 * dt
-        for b in range(self.row[g], self.row[g + 1]):
+        for b in range(self.blocks.row[g], self.blocks.row[g + 1]):
             grown += self.grown[b]
             soft += self.soft[b]
         kappa = dt * dt * self.law.bulk[g]
@@ -152,8 +133,8 @@ class Coupling:
     @ti.func
     def correct(self, b, slot, dt):
         """Move the particles of a block on."""
-        share = self.share[self.block_gas[b]]
-        for k in range(self.first[b], self.first[b + 1]):
-            i = self.member[k]
+        share = self.share[self.blocks.group[b]]
+        for k in range(self.blocks.first[b], self.blocks.first[b + 1]):
+            i = self.blocks.member[k]
             if self.descent.touched(i) == 0:
                 self.descent.shift(i, slot, -share * self.lean[i], dt)

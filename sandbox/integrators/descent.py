@@ -12,9 +12,9 @@ import taichi as ti
 
 from sandbox import runtime
 from sandbox.contact.colliders.solid import rounding
-from sandbox.integrators.meetings import APART, Meetings
+from sandbox.integrators.bearing import FREE
+from sandbox.integrators.meetings import Meetings
 from sandbox.integrators.small_systems import factorised, solved
-from sandbox.ledger import RUBBED
 from sandbox.parts import Parts
 from sandbox.state import ParticleState, place
 
@@ -31,9 +31,6 @@ class Descent:
     def __init__(self, builder: ti.FieldsBuilder, state: ParticleState, parts: Parts, drag: float) -> None:
         self.state = state
         self.laws = parts.laws
-        for law in parts.laws:
-            if hasattr(law, "linearise"):
-                law.linearise(builder)
         # What couples particles by a ``bulk`` stiffness is seen to by whoever sweeps.
         stiff = [law for law in parts.laws if hasattr(law, "block_on") and not hasattr(law, "bulk")]
         self.products = [law for law in stiff if hasattr(law, "product_on")]
@@ -41,7 +38,6 @@ class Descent:
         self.others = [law for law in parts.laws if law not in self.answering]
         self.stiff = [law for law in stiff if law not in self.answering]
         self.meetings = [Meetings(builder, state, parts.colliders)] if parts.colliders else []
-        self.ledger = parts.ledger
         self.drag = drag
         self.vector = runtime.vector(state.dimension)
         self.matrix = ti.types.matrix(state.dimension, state.dimension, runtime.real())
@@ -55,14 +51,14 @@ class Descent:
     def begin(self, i):
         """Nothing has touched particle i in this step."""
         for meetings in ti.static(self.meetings):
-            meetings.met[i] = APART
+            meetings.mode[i] = FREE
 
     @ti.func
     def touched(self, i) -> ti.i32:
         """1 where a collider changed the particle's last move."""
         touched = 0
         for meetings in ti.static(self.meetings):
-            touched = ti.cast(meetings.met[i] != APART, ti.i32)
+            touched = ti.cast(meetings.mode[i] != FREE, ti.i32)
         return touched
 
     @ti.func
@@ -155,12 +151,3 @@ class Descent:
         else:
             self.state.x[trial, i] = end
             self.state.v[trial, i] = v
-
-    @ti.func
-    def hand_in_friction(self, i, impulse):
-        """Give the ledger what of a collider's whole impulse [N s] is friction."""
-        for meetings in ti.static(self.meetings):
-            if meetings.met[i] != APART and meetings.friction[i] > 0.0:
-                n = meetings.normal[i]
-                for ledger in ti.static(self.ledger):
-                    ledger.hand_in(RUBBED, i, impulse - impulse.dot(n) * n)

@@ -7,41 +7,25 @@ scheme's order and no more exact than that. The trial state x0 + a v, v is in th
 Springs flow and tear once, at the start. Colliders bear what rests on them or flies into them within the solve
 (:mod:`sandbox.integrators.resting`); what is left of it, and carriers, follow at the end as in every scheme.
 
+The midpoint rule goes as far beyond the state that it solves for as that is from the start, which keeps energy on
+linear springs but has no bounds of its own. So where its equation could not be solved in a step, or rounding is more
+than what acts, that step is one of implicit Euler, which takes energy out: the solve starts over with theta = 1.
+
 Small scenes take all steps of a call in one serial launch; with colliders, whose code is long, four launches a step,
 as Taichi's time to compile grows with the square of a kernel. Large scenes take a launch for every pass, and the
 host is told what comes next. All go by the same decisions, of :mod:`sandbox.integrators.newton`.
 """
 
-from typing import Any
-
 import taichi as ti
 
 from sandbox.integrators.implicit_passes import ImplicitPasses
 from sandbox.integrators.newton import DONE, SOLVE
-from sandbox.integrators.schemes import ImplicitScheme
-from sandbox.parts import Parts
 from sandbox.scene.assemble import Assembly
-from sandbox.scene.model import Solver
-from sandbox.state import ParticleState
 
 
 @ti.data_oriented
 class Implicit(ImplicitPasses):
-    """Advances a state by an implicit scheme with the given parts."""
-
-    def __init__(
-        self,
-        builder: ti.FieldsBuilder,
-        scheme: ImplicitScheme,
-        state: ParticleState,
-        parts: Parts,
-        solver: Solver,
-        drag: float,
-        pinned: bool,
-        serial: bool,
-    ) -> None:
-        super().__init__(builder, scheme, state, parts, solver, drag, pinned)
-        self.serial = serial
+    """Advances a state by an implicit scheme: the order of the passes, and who decides on it."""
 
     def load(self, assembly: Assembly) -> None:
         """Upload what the parts of the stepper must know."""
@@ -52,79 +36,59 @@ class Implicit(ImplicitPasses):
         """How hard the steps since the start were to solve, see :meth:`Newton.report`."""
         return self.newton.report()
 
-    # -- memory -------------------------------------------------------------------------------------
-
-    def keep(self) -> None:
-        """Remember how particles rest now."""
-        for resting in self.resting:
-            resting.keep()
-
-    def restore(self) -> None:
-        """Go back to what was kept."""
-        for resting in self.resting:
-            resting.restore()
-
-    def memory(self) -> dict[str, Any]:
-        """How particles rest, for :meth:`remember`."""
-        return {name: values for resting in self.resting for name, values in resting.memory().items()}
-
-    def remember(self, values: dict[str, Any]) -> None:
-        """Set how particles rest."""
-        for resting in self.resting:
-            resting.remember(values)
-
     # -- ways to take a step ------------------------------------------------------------------------
 
-    def advance(self, steps: int, dt: float, time: float) -> None:
-        """Take ``steps`` steps of ``dt`` [s] from ``time`` [s]."""
-        for contact in self.contact:
-            contact.invalidate()
-        slot = self.state.slot
-        if self.serial and not self.resting:
-            self._run_serial(slot, steps, dt, time)
+    def run_serial(self, slot: int, steps: int, dt: float, time: float) -> None:
+        """All steps in one launch, unless colliders make that too long to compile."""
+        if self.resting:
+            self.run_stepwise(slot, steps, dt, time)
         else:
-            for step in range(steps):
-                # With contact a step ends in the slot that it began in.
-                self._step(slot if self.contact else (slot + step) % 2, dt, time + step * dt)
-        if not self.contact:
-            self.state.slot = (slot + steps) % 2
+            self._run_serial(slot, steps, dt, time)
 
-    def _step(self, slot: int, dt: float, time: float) -> None:
-        self._begin(slot, dt, time)
-        self._solve(slot, dt, time)
+    def take_step(self, step: int, steps: int, slot: int, dt: float, time: float) -> None:
+        """One step: solve for its end, and again while colliders correct what they bear."""
+        self._begin(slot, step, dt, time)
+        self._solve(slot, step, dt, time)
         while self.resting and self._revise(slot, dt):
-            self._solve(slot, dt, time)
+            self._solve(slot, step, dt, time)
         self._finish(slot, dt)
-        if self.contact and not self.serial:
-            self.contact[0].resolve(1 - slot, slot, dt)
 
-    def _solve(self, slot: int, dt: float, time: float) -> None:
+    def meet_others(self, slot: int, dt: float) -> None:
+        """Of a small scene, particles have met each other in the launch that finished the step."""
+        if not self.serial:
+            super().meet_others(slot, dt)
+
+    def _solve(self, slot: int, step: int, dt: float, time: float) -> None:
         if self.serial:
-            self._solve_serial(slot, dt, time)
+            self._solve_serial(slot, step, dt, time)
             return
-        while (code := self._evaluate(slot, dt, time)) != DONE:
-            if code == SOLVE:
-                going = self._linearise(slot, dt)
-                while going:
-                    going = self._iterate(slot, dt)
-            self._move(slot, dt, code)
+        while True:
+            code = self._evaluate(slot, step, dt, time)
+            if code == DONE:
+                if not (self.falls_back and self._is_lost()):
+                    return
+                self._fall_back(slot, dt)
+            else:
+                if code == SOLVE:
+                    going = self._linearise(slot, dt)
+                    while going:
+                        going = self._iterate(slot, dt)
+                self._move(slot, dt, code)
 
     @ti.kernel
     def _run_serial(self, slot: int, steps: int, dt: float, time: float):
         ti.loop_config(serialize=True)
         for n in range(steps):
-            source = (slot + n) % 2
-            if ti.static(self.contact):
-                source = slot
-            self.begin(source, dt, time + n * dt)
-            self.solve(source, dt, time + n * dt)
-            self.finish_serial(source, dt)
+            begun = self.slot_at(slot, n)
+            self.begin(begun, dt, time + n * dt)
+            self.solve(begun, dt, time + n * dt)
+            self.finish_serial(begun, dt)
 
     @ti.kernel
-    def _solve_serial(self, slot: int, dt: float, time: float):
+    def _solve_serial(self, slot: int, step: int, dt: float, time: float):
         ti.loop_config(serialize=True)
         for _ in range(1):
-            self.solve(slot, dt, time)
+            self.solve(slot, dt, time + step * dt)
 
     @ti.func
     def solve(self, slot, dt, time):
@@ -139,22 +103,25 @@ class Implicit(ImplicitPasses):
                     while self.linear.going[0] == 1:
                         self.iterate(slot, dt)
                 self.move(slot, dt, code)
+            elif ti.static(self.falls_back):
+                if self.is_lost() == 1:
+                    self.open(slot, dt, 1.0)
+                    code = SOLVE
 
     @ti.func
     def finish_serial(self, slot, dt):
         """The end of a step, within a serial loop."""
         self.finish(slot, dt)
-        if ti.static(self.contact):
-            self.contact[0].resolve_serial(1 - slot, slot, dt)
+        self.meet_others_serial(slot, dt)
 
     @ti.kernel
-    def _begin(self, slot: int, dt: float, time: float):
+    def _begin(self, slot: int, step: int, dt: float, time: float):
         if ti.static(self.serial):
             ti.loop_config(serialize=True)
             for _ in range(1):
-                self.begin(slot, dt, time)
+                self.begin(slot, dt, time + step * dt)
         else:
-            self.begin(slot, dt, time)
+            self.begin(slot, dt, time + step * dt)
 
     @ti.kernel
     def _revise(self, slot: int, dt: float) -> ti.i32:
@@ -176,9 +143,17 @@ class Implicit(ImplicitPasses):
             self.finish(slot, dt)
 
     @ti.kernel
-    def _evaluate(self, slot: int, dt: float, time: float) -> ti.i32:
-        self.evaluate(slot, dt, time)
+    def _evaluate(self, slot: int, step: int, dt: float, time: float) -> ti.i32:
+        self.evaluate(slot, dt, time + step * dt)
         return self.newton.code[0]
+
+    @ti.kernel
+    def _is_lost(self) -> ti.i32:
+        return self.is_lost()
+
+    @ti.kernel
+    def _fall_back(self, slot: int, dt: float):
+        self.open(slot, dt, 1.0)
 
     @ti.kernel
     def _linearise(self, slot: int, dt: float) -> ti.i32:

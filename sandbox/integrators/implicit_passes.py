@@ -3,56 +3,45 @@
 The trial state x0 + a v, v is in the slot that the step's end goes to.
 """
 
+from dataclasses import replace
+
 import taichi as ti
 
 from sandbox import runtime
+from sandbox.integrators.bearing import FREE
 from sandbox.integrators.block_sums import BLOCK, BlockSums
-from sandbox.integrators.bookkeeping import Bookkeeping
 from sandbox.integrators.conjugate_gradients import ConjugateGradients
 from sandbox.integrators.kick import PlainKick
 from sandbox.integrators.newton import DONE, MOST_ITERATIONS, SEARCH, Newton
-from sandbox.integrators.preparation import Preparation
-from sandbox.integrators.resting import FREE, Resting
+from sandbox.integrators.resting import Resting
 from sandbox.integrators.schemes import ImplicitScheme
 from sandbox.integrators.step_end import StepEnd
-from sandbox.ledger import RUBBED
-from sandbox.parts import Parts
-from sandbox.scene.model import Solver
-from sandbox.state import SLICE, ParticleState, place
+from sandbox.integrators.stepper import Setup, Stepper
+from sandbox.state import SLICE, place
 
 _RESIDUAL, _IMPULSE, _SLOPE, _STEEPNESS = 0, 1, 2, 3
 _CHANGE, _FRACTION = 0, 1
 
 
 @ti.data_oriented
-class ImplicitPasses:
+class ImplicitPasses(Stepper):
     """What is done to every particle in a step; loops run in parallel where a kernel calls them outermost."""
 
-    def __init__(
-        self,
-        builder: ti.FieldsBuilder,
-        scheme: ImplicitScheme,
-        state: ParticleState,
-        parts: Parts,
-        solver: Solver,
-        drag: float,
-        pinned: bool,
-    ) -> None:
+    def __init__(self, setup: Setup, scheme: ImplicitScheme) -> None:
+        super().__init__(setup, PlainKick())
+        builder, state, solver = setup.builder, setup.state, setup.solver
         self.theta = scheme.theta
-        self.state = state
-        self.laws = parts.laws
-        self.slicing = [law for law in parts.laws if hasattr(law, "gather_slice")]
-        self.evolving = [law for law in parts.laws if getattr(law, "changes", False)]
-        self.preparation = Preparation(parts)
-        self.carriers = parts.carriers
-        self.resting = [Resting(builder, state, parts.colliders)] if parts.colliders else []
-        self.end = StepEnd(state, parts, pinned)
-        self.contact = parts.contact
-        self.books = [Bookkeeping(state, parts, PlainKick(), ledger) for ledger in parts.ledger]
-        self.drag = drag
-        self.vector = runtime.vector(state.dimension)
-        self.linear = ConjugateGradients(builder, state, parts.laws, self.resting, solver.linear_iterations)
-        self.newton = Newton(builder, self.linear, parts.laws, solver.iterations or MOST_ITERATIONS, solver.tolerance)
+        self.falls_back = scheme.theta < 1.0
+        """True where a step that cannot be solved is taken as one of implicit Euler."""
+        if self.falls_back:
+            self.share = place(builder, ti.field(runtime.real()), 1)
+            """Where in this step the forces are taken [1]."""
+        self.resting = [Resting(builder, state, self.colliders)] if self.colliders else []
+        self.remembering.extend(self.resting)
+        ground = [collider for resting in self.resting for collider in resting.colliders]
+        self.end = StepEnd(state, replace(setup.parts, colliders=ground), setup.pinned)
+        self.linear = ConjugateGradients(builder, state, self.laws, self.resting, solver.linear_iterations)
+        self.newton = Newton(builder, self.linear, self.laws, solver.iterations or MOST_ITERATIONS, solver.tolerance)
         self.base = place(builder, self.vector.field(), state.count)
         """Velocity from which the line search goes out [m/s]."""
         self.guess = place(builder, self.vector.field(), state.count)
@@ -72,13 +61,42 @@ class ImplicitPasses:
             for i in range(self.state.count):
                 resting.check(i, slot, dt)
         self.preparation.begin(slot, time, dt)
-        for i in range(self.state.count):
-            for law in ti.static(self.evolving):
-                law.evolve(i, slot, dt)
-            self._open(i, slot, dt)
+        if ti.static(self.evolving):
+            for i in range(self.state.count):
+                for law in ti.static(self.evolving):
+                    law.evolve(i, slot, dt)
+        self.open(slot, dt, self.theta)
+
+    @ti.func
+    def open(self, slot, dt, theta):
+        """Newton sets out, for the forces at ``theta`` of the step."""
         ti.loop_config(serialize=True)
         for _ in range(1):
             self.newton.start()
+            if ti.static(self.falls_back):
+                self.share[0] = theta
+        for i in range(self.state.count):
+            self._open(i, slot, dt)
+
+    @ti.func
+    def span(self, dt):
+        """Time from the step's start to where its forces are taken [s]."""
+        if ti.static(self.falls_back):
+            return self.share[0] * dt
+        else:
+            return self.theta * dt
+
+    @ti.func
+    def is_lost(self) -> ti.i32:
+        """1 where the scheme's equation could not be solved, but that of implicit Euler may be.
+
+        It can, as it takes energy out: what the midpoint rule makes of a wrong solution has no bounds.
+        """
+        lost = 0
+        if ti.static(self.falls_back):
+            if self.share[0] < 1.0:
+                lost = self.newton.is_lost()
+        return lost
 
     @ti.func
     def _open(self, i, slot, dt):
@@ -100,12 +118,12 @@ class ImplicitPasses:
     def _try(self, i, slot, v, dt):
         """Make v [m/s] the trial of particle i."""
         self.state.v[1 - slot, i] = v
-        self.state.x[1 - slot, i] = self.state.x[slot, i] + self.theta * dt * v
+        self.state.x[1 - slot, i] = self.state.x[slot, i] + self.span(dt) * v
 
     @ti.func
     def evaluate(self, slot, dt, time):
         """Residual at the trial, and what Newton makes of it."""
-        self.preparation.again(1 - slot, time + self.theta * dt)
+        self.preparation.again(1 - slot, time + self.span(dt))
         for block in range(self.sums.blocks):
             self._weigh(block, slot, dt)
         ti.loop_config(serialize=True)
@@ -141,7 +159,7 @@ class ImplicitPasses:
     @ti.func
     def _residual_on(self, i, slot, dt):
         """M (v0 - v) + a F at particle i, and the sum of the sizes of the impulses a F [N s]."""
-        span = self.theta * dt
+        span = self.span(dt)
         force = self.vector(0.0)
         acted = 0.0 * dt
         for law in ti.static(self.laws):
@@ -204,7 +222,7 @@ class ImplicitPasses:
     @ti.func
     def linearise(self, slot, dt):
         """The matrix at the trial, and the beginning of a solve with it."""
-        span = self.theta * dt
+        span = self.span(dt)
         for block in range(self.sums.blocks):
             noise = self.sums.zero()
             for i in range(self.sums.first(block), self.sums.end(block)):
@@ -220,7 +238,7 @@ class ImplicitPasses:
     @ti.func
     def iterate(self, slot, dt):
         """One iteration of the linear solve."""
-        span = self.theta * dt
+        span = self.span(dt)
         self.linear.iterate(1 - slot, 1.0 + span * self.drag, span * span, span)
 
     @ti.func
@@ -244,7 +262,10 @@ class ImplicitPasses:
             self._end(i, slot, dt)
         ti.loop_config(serialize=True)
         for _ in range(1):
-            self.newton.finish()
+            replaced = 0
+            if ti.static(self.falls_back):
+                replaced = ti.cast(self.share[0] == 1.0, ti.i32)
+            self.newton.finish(replaced)
 
     @ti.func
     def _book(self, i, slot, dt):
@@ -261,8 +282,8 @@ class ImplicitPasses:
         start, begun, solved = self.state.x[slot, i], self.state.v[slot, i], self.state.v[1 - slot, i]
         v = solved
         if self.state.inverse_mass[i] > 0.0:
-            if ti.static(self.theta < 1.0):
-                v = begun + (solved - begun) / self.theta
+            if ti.static(self.falls_back):
+                v = begun + (solved - begun) / self.share[0]
             for resting in ti.static(self.resting):
                 v = resting.stopped(i, v)
         x_new, v_new = self.end.meet(i, start, start + dt * solved, v, dt)
@@ -271,7 +292,8 @@ class ImplicitPasses:
             if ti.static(self.resting):
                 if self.state.inverse_mass[i] > 0.0:
                     reaction = self._reaction(i, begun, solved, v, dt)
-                    self._book_friction(i, reaction)
+                    for resting in ti.static(self.resting):
+                        resting.hand_in_friction(books.ledger, i, reaction)
             moved = x_new - start - dt * solved + dt * self.state.inverse_mass[i] * reaction
             free = v - self.state.inverse_mass[i] * reaction
             books.finish(i, begun, self.force[1, i], moved, free, v_new, dt)
@@ -287,11 +309,3 @@ class ImplicitPasses:
                 m = self.state.mass[i]
                 reaction = m * (v - begun + dt * self.drag * solved) - dt * self.force[0, i]
         return reaction
-
-    @ti.func
-    def _book_friction(self, i, reaction):
-        for resting in ti.static(self.resting):
-            for books in ti.static(self.books):
-                if resting.mode[i] != FREE:
-                    n = resting.normal[i]
-                    books.ledger.hand_in(RUBBED, i, reaction - reaction.dot(n) * n)

@@ -48,3 +48,8 @@ class DragKick:
         if lost > 0.01:
             ratio = -ti.log(decay) / lost
         return gain * ratio
+
+
+def kick_with(drag: float) -> PlainKick | DragKick:
+    """The kick for a drag rate [1/s]."""
+    return DragKick(drag) if drag > 0.0 else PlainKick()

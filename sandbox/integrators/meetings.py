@@ -1,21 +1,22 @@
 """Colliders within sweeps: what a surface does to a particle that its springs hold, too.
 
-A particle that a solve moves answers an impulse J with A^-1 J, A being its matrix, and not with J / m. So Signorini's
+A particle that a sweep moves answers an impulse J with A^-1 J, A being its matrix, and not with J / m. So Signorini's
 and Coulomb's laws are solved with A: the normal velocity is what restitution wants of the velocity that the particle
 arrived with, or more; the surface never pulls; friction holds the particle if that takes no more than mu times the
 normal impulse, else it works against the sliding with just that. For a free particle this is what every other scheme
-does. Source: Jean, "The non-smooth contact dynamics method", Comput. Methods Appl. Mech. Eng. 177 (1999).
+does. Source: Jean, "The non-smooth contact dynamics method", Comput. Methods Appl. Mech. Eng. 177 (1999). Why not as
+other solves do: :mod:`sandbox.integrators.bearing`.
 """
 
 from typing import Any
 
 import taichi as ti
 
-from sandbox import runtime
+from sandbox.integrators.bearing import FREE, Bearing
 from sandbox.integrators.small_systems import solved
 from sandbox.state import ParticleState, place
 
-APART, ONE, SEVERAL = 0, 1, 2
+ONE, SEVERAL = 1, 2
 """Surfaces that a particle met in its last move."""
 _JAMMED = 0.05
 """Least part of its way out that friction may leave a sliding particle before it counts as held [1]."""
@@ -26,60 +27,49 @@ _SLOWEST = 1e-12
 
 
 @ti.data_oriented
-class Meetings:
+class Meetings(Bearing):
     """Moves of particles under a solver, from the start of a step to where colliders let them.
+
+    A particle that met a surface in its last move met ONE or SEVERAL.
 
     Attributes
     ----------
-    met : APART, ONE or SEVERAL, shape (particle_count,)
-    normal : of the surface that was met last, vectors
-    ground : its velocity [m/s], vectors
-    friction : its coefficient [1]
-    leaving : least velocity along the normal that a particle has then [m/s]
     solved : what the solver gave to the velocity in this step [m/s], vectors; restitution leaves it out
     """
 
     def __init__(self, builder: ti.FieldsBuilder, state: ParticleState, colliders: list[Any]) -> None:
-        self.state = state
-        real, vector, count = runtime.real(), runtime.vector(state.dimension).field, state.count
-        self.met = place(builder, ti.field(ti.i32), count)
-        self.normal, self.ground, self.solved = (place(builder, vector(), count) for _ in range(3))
-        self.friction, self.leaving = (place(builder, ti.field(real), count) for _ in range(2))
-        self.colliders = [collider.under_solver(self.solved) for collider in colliders]
-        for collider in self.colliders:
-            collider.noted, collider.resting = True, self
+        super().__init__(builder, state)
+        self.solved = place(builder, self.vector.field(), state.count)
+        self.colliders = [collider.under_solver(self.solved).seen_by(self) for collider in colliders]
 
     @ti.func
     def note(self, i, before, after, normal, ground, restitution, friction):
         """Particle i met a surface with a relative velocity ``before``, and leaves it with ``after`` [m/s]."""
-        if self.met[i] == APART:
-            self.met[i] = ONE
+        if self.mode[i] == FREE:
+            self.mode[i] = ONE
         elif normal.dot(self.normal[i]) < _SAME:
-            self.met[i] = SEVERAL
-        self.normal[i] = normal
-        self.ground[i] = ground
-        self.friction[i] = friction
-        self.leaving[i] = (after + ground).dot(normal)
+            self.mode[i] = SEVERAL
+        self.note_surface(i, normal, ground, friction, after.dot(normal))
 
     @ti.func
     def move(self, i, slot, end, v, matrix, factor, dt):
         """Let particle i fly to ``end`` [m] at velocity v [m/s], where it would go without colliders."""
         start, trial = self.state.x[slot, i], 1 - slot
-        before = self.met[i]
+        before = self.mode[i]
         self.solved[i] = v - self.state.v[slot, i]
-        self.met[i] = APART
+        self.mode[i] = FREE
         x_new, v_new = end, v
         for collider in ti.static(self.colliders):
             x_new, v_new = collider.resolve(i, start, x_new, v_new, dt)
-        if self.met[i] == APART and before == ONE:
+        if self.mode[i] == FREE and before == ONE:
             # What presses is not let go because its way, with what it was given, ends before the surface.
-            if v.dot(self.normal[i]) < self.leaving[i]:
-                self.met[i] = ONE
+            if (v - self.ground[i]).dot(self.normal[i]) < self.rebound[i]:
+                self.mode[i] = ONE
                 x_new = self.state.x[trial, i]
                 v_new = self.state.v[trial, i]
             else:
                 x_new = start + dt * v
-        if self.met[i] == ONE:
+        if self.mode[i] == ONE:
             last = self.state.v[trial, i]
             if before != ONE:
                 last = v
@@ -96,10 +86,9 @@ class Meetings:
     def answer(self, i, v, last, matrix, factor):
         """Velocity of particle i that would have v without the surface, and had ``last`` in the sweep before."""
         n, mu = self.normal[i], self.friction[i]
-        ground = self.ground[i]
-        stuck = ground + (self.leaving[i] - ground.dot(n)) * n
+        stuck = self.ground[i] + self.rebound[i] * n
         out = solved(factor, n)
-        lacking = ti.max(self.leaving[i] - n.dot(v), 0.0)
+        lacking = ti.max(n.dot(stuck - v), 0.0)
         result = v + lacking / n.dot(out) * out
         if mu > 0.0:
             needed = matrix @ (stuck - v)
@@ -134,9 +123,9 @@ class Meetings:
     def excess(self, i, r):
         """What of an impulse r [N s], needed to hold particle i as it is, its surface cannot give."""
         rest = r
-        if self.met[i] == SEVERAL:
+        if self.mode[i] == SEVERAL:
             rest = 0.0 * r
-        elif self.met[i] == ONE:
+        elif self.mode[i] == ONE:
             n = self.normal[i]
             pressed = ti.max(r.dot(n), 0.0)
             along = r - r.dot(n) * n

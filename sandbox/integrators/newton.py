@@ -38,9 +38,13 @@ _FIRST_FORCING, _LEAST_FORCING = 1e-4, 1e-2
 """Square of how far the first direction's residual is reduced [1], and the least reduction squared of any."""
 _NOTABLE = 0.05**2
 """Square of a change of reactions, as part of all impulses, that is left to the next step [1]."""
+_LOST = 1e-3**2
+"""Square of the part of all impulses above which what is left of the residual means that nothing was solved [1]."""
+_DROWNED = 0.1**2
+"""Square of the part of all impulses that rounding must leave for a solution to mean anything [1]."""
 _EXACT = 1e-6
 """Square of the part of the tolerance at which a step needs no direction at all [1]."""
-_STEPS, _NEWTON, _MOST_NEWTON, _LINEAR, _MOST_LINEAR, _RESIDUAL, _UNFINISHED = range(7)
+_STEPS, _NEWTON, _MOST_NEWTON, _LINEAR, _MOST_LINEAR, _RESIDUAL, _UNFINISHED, _REPLACED = range(8)
 
 
 @ti.data_oriented
@@ -59,15 +63,16 @@ class Newton:
         """Part of the direction gone; slope at its start; the last part after which it was positive, and it there."""
         self.residual, self.impulse, self.before = (place(builder, ti.field(fine), 1) for _ in range(3))
         """|M^-1/2 r|^2 and |M^-1/2 s|^2 at the last trial that was taken; the former at the one before."""
-        counts = (place(builder, ti.field(ti.i32), 1) for _ in range(9))
+        counts = (place(builder, ti.field(ti.i32), 1) for _ in range(10))
         self.iterations, self.linear_iterations, self.opened, self.cuts, self.stretches, self.rounds, *flags = counts
-        self.searching, self.solved, self.code = flags
-        self.tally = place(builder, ti.field(fine), 7)
+        self.searching, self.solved, self.code, self.drowned = flags
+        self.tally = place(builder, ti.field(fine), 8)
 
     def report(self) -> dict[str, float]:
         """Iterations a step since the start, mean and most, and the largest relative residual that a step ended with.
 
-        ``unfinished`` is the part of steps that ran out of iterations.
+        ``unfinished`` is the part of steps that ran out of iterations, ``replaced`` of those that the scheme could not
+        take, see :meth:`is_lost`.
         """
         tally = self.tally.to_numpy()
         steps = max(1.0, float(tally[_STEPS]))
@@ -79,6 +84,7 @@ class Newton:
             "cg_most": float(tally[_MOST_LINEAR]),
             "residual": float(np.sqrt(tally[_RESIDUAL])),
             "unfinished": float(tally[_UNFINISHED]) / steps,
+            "replaced": float(tally[_REPLACED]) / steps,
         }
 
     @ti.func
@@ -87,7 +93,7 @@ class Newton:
         self.way[0], self.low[0] = 1.0, 0.0
         self.iterations[0], self.linear_iterations[0], self.opened[0] = 0, 0, 0
         self.cuts[0], self.stretches[0] = 0, 0
-        self.rounds[0], self.searching[0], self.solved[0] = 0, 0, 0
+        self.rounds[0], self.searching[0], self.solved[0], self.drowned[0] = 0, 0, 0, 0
         self.before[0] = 0.0
         self.linear.yielding[0] = 1
 
@@ -148,6 +154,8 @@ class Newton:
     def begin_solve(self, noise):
         """How precise a linear solve pays, and its start."""
         ratio = ti.cast(_FIRST_FORCING, self.linear.sums.fine)
+        if self.solved[0] == 0:
+            self.drowned[0] = ti.cast(noise > _DROWNED * self.impulse[0], ti.i32)
         if self.solved[0] == 1 and self.before[0] > 0.0:
             ratio = ti.min(0.81 * (self.residual[0] / self.before[0]) ** 2, _LEAST_FORCING)
         self.linear.start(1 - self.solved[0], noise, ratio, 0.25 * self.tolerance2 * self.impulse[0], _LEAST_FORCING)
@@ -175,10 +183,18 @@ class Newton:
             self.code[0] = SOLVE
 
     @ti.func
-    def finish(self):
-        """Enter the step into the tally."""
+    def is_lost(self) -> ti.i32:
+        """1 where iterations have ended far from any solution, or rounding is more than what acts."""
+        residual = self.residual[0]
+        astray = residual > _LOST * self.impulse[0] and residual > self.linear.noise[0]
+        return ti.cast(astray or self.drowned[0] == 1, ti.i32)
+
+    @ti.func
+    def finish(self, replaced):
+        """Enter the step into the tally; ``replaced`` is 1 where another scheme took it."""
         tally = ti.static(self.tally)
         tally[_STEPS] += 1.0
+        tally[_REPLACED] += replaced
         tally[_NEWTON] += self.iterations[0]
         tally[_MOST_NEWTON] = ti.max(tally[_MOST_NEWTON], ti.cast(self.iterations[0], self.linear.sums.fine))
         tally[_LINEAR] += self.linear_iterations[0]

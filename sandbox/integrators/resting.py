@@ -1,12 +1,10 @@
 """What colliders bear: particles that met one in the last step, held to its surface while the next is solved for.
 
-An implicit step that met colliders only after its solve would not bear a load: what is stopped there weighs next
-to nothing against the body behind it, and the body would sink until the springs of its lowest particles are
-as strong as if they were the ground. So a particle that met a surface is constrained in the next solve, such
-that it ends on that surface: along the normal, or, where friction holds it, in every direction. Once the solve
-has converged its residual is the reaction, which decides: a surface does not pull, so a particle that it would
-have to pull at is let go; friction holds up to its coefficient times the normal reaction (Coulomb), and beyond
-that pushes against the sliding with just that. Then the solve goes on, a few rounds at most.
+A particle that met a surface is constrained in the next solve, such that it ends on that surface: along the normal,
+or, where friction holds it, in every direction. Once the solve has converged its residual is the reaction, which
+decides: a surface does not pull, so a particle that it would have to pull at is let go; friction holds up to its
+coefficient times the normal reaction (Coulomb), and beyond that pushes against the sliding with just that. Then the
+solve goes on, a few rounds at most. Why so, and not as other solves do: :mod:`sandbox.integrators.bearing`.
 
 What flies into a surface within the step is found by a look ahead along its path once the solve has converged.
 Those that meet first are borne from then on, and all go back to the instant of that meeting: further layers of a
@@ -17,7 +15,6 @@ Signorini's condition and Coulomb's law by an active set; constraints by filteri
 Baraff and Witkin, "Large steps in cloth simulation" (1998). A particle rests on one surface at a time.
 """
 
-import copy
 from typing import Any
 
 import numpy as np
@@ -25,12 +22,14 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from sandbox import runtime
+from sandbox.integrators.bearing import FREE, Bearing
 from sandbox.scene.assemble import Assembly
 from sandbox.state import ParticleState, place
 
-FREE, SLIDING, HELD = 0, 1, 2
+SLIDING, HELD = 1, 2
+"""How a particle rests on a surface: it may slide along, or friction holds it."""
 NEVER = 2.0
-"""How a particle rests: not at all, on a surface that it may slide along, or held by friction."""
+"""Part of a step that stands for: not in this one."""
 _STOPPED = 1e-4
 """Part of a sliding speed that is left where friction has stopped it [1]."""
 _SAME_NORMAL = 0.01
@@ -43,41 +42,26 @@ _FAR = -1e30
 
 
 @ti.data_oriented
-class Resting:
-    """How every particle rests on the colliders of a scene.
+class Resting(Bearing):
+    """How every particle rests on the colliders of a scene: FREE, SLIDING or HELD.
 
     Attributes
     ----------
-    mode : FREE, SLIDING or HELD, shape (particle_count,)
-    normal : of the surface, vectors, of the same shape
-    ground : velocity of the surface [m/s], vectors
-    rebound : speed at which it leaves the surface that it meets in this step [m/s]
-    friction : its coefficient [1]
-    rub : impulse of friction on a sliding particle [N s], vectors
+    rub : impulse of friction on a sliding particle [N s], vectors, shape (particle_count,)
+    lift : speed across the surface that the solve aims at [m/s]
+    fraction : when in the step a particle meets a surface that did not bear it yet [1], NEVER if it does not
     """
 
     def __init__(self, builder: ti.FieldsBuilder, state: ParticleState, colliders: list[Any]) -> None:
-        self.state = state
-        self.colliders = colliders
+        super().__init__(builder, state)
         self.rounding = float(np.finfo("float64" if runtime.settings().precision == "f64" else "float32").eps)
-        self.real = runtime.real()
-        self.vector = runtime.vector(state.dimension)
-        self.matrix = ti.types.matrix(state.dimension, state.dimension, runtime.real())
-        count = state.count
-        self.mode = place(builder, ti.field(ti.i32), count)
-        self.normal, self.ground, self.rub = (place(builder, self.vector.field(), count) for _ in range(3))
-        self.lift, self.rebound, self.friction, self.fraction = (
-            place(builder, ti.field(self.real), count) for _ in range(4)
-        )
-        """Beside those above: speed across the surface that the solve aims at [m/s]; when in the step a particle meets
-        a surface that did not bear it yet [1], NEVER if it does not."""
+        self.rub = place(builder, self.vector.field(), state.count)
+        self.lift, self.fraction = (place(builder, ti.field(self.real), state.count) for _ in range(2))
         self.size = place(builder, ti.field(self.real), 1)
         self._kept: dict[str, NDArray[np.float64]] = {}
-        for collider in colliders:
-            collider.noted, collider.resting = True, self
-        self.scouts = [copy.copy(collider) for collider in colliders]
-        for scout in self.scouts:
-            scout.booked = False
+        self.colliders = [collider.seen_by(self, booked=True) for collider in colliders]
+        """Those that the end of a step meets."""
+        self.scouts = [collider.seen_by(self) for collider in colliders]
 
     def load(self, assembly: Assembly) -> None:
         """Take the size of the scene, which says how precisely places are known."""
@@ -94,10 +78,7 @@ class Resting:
             stopped = sliding.norm() <= _STOPPED * before.norm()
             self.mode[i] = ti.select(stopped and friction > 0.0, HELD, SLIDING)
             self.rub[i] = self.vector(0.0)
-        self.normal[i] = normal
-        self.ground[i] = ground
-        self.friction[i] = friction
-        self.rebound[i] = -restitution * ti.min(before.dot(normal), 0.0)
+        self.note_surface(i, normal, ground, friction, -restitution * ti.min(before.dot(normal), 0.0))
 
     @ti.func
     def check(self, i, slot, dt):

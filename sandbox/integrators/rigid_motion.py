@@ -14,9 +14,9 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from sandbox import runtime
+from sandbox.group_blocks import GroupBlocks, GroupFields
+from sandbox.integrators.block_sums import fine_type
 from sandbox.integrators.descent import Descent
-from sandbox.integrators.group_blocks import GroupBlocks
 from sandbox.integrators.small_systems import factorised, solved
 from sandbox.scene.assemble import Assembly
 from sandbox.state import ParticleState, place
@@ -54,65 +54,47 @@ class RigidMotion:
     ) -> None:
         self.state = state
         self.bodies = bodies
+        self.blocks = GroupFields(builder, bodies.blocks)
         self.descent = descent
         self.drag = drag
         self.dimension = state.dimension
-        self.blocks, self.groups = len(bodies.blocks.group), len(bodies.mass)
-        fine = ti.f32 if runtime.settings().arch == "metal" else ti.f64
+        blocks, groups = self.blocks.block_count, self.blocks.group_count
+        fine = fine_type()
         self.spins = 1 if state.dimension == 2 else 3
         self.line = ti.types.vector(state.dimension, fine)
         self.turn = ti.types.vector(self.spins, fine)
         self.tensor = ti.types.matrix(self.spins, self.spins, fine)
         self.rounding = 1e-12 if fine == ti.f64 else 1e-6
-        self.member = place(builder, ti.field(ti.i32), len(bodies.blocks.member))
-        self.first = place(builder, ti.field(ti.i32), self.blocks + 1)
-        self.group = place(builder, ti.field(ti.i32), self.blocks)
-        self.row = place(builder, ti.field(ti.i32), self.groups + 1)
-        self.mass = place(builder, ti.field(fine), self.groups)
+        self.mass = place(builder, ti.field(fine), groups)
         # Sums over blocks: m x, r, x cross r, inertia, about the group's first particle; and who was touched.
-        self.weighed, self.lacking = (place(builder, self.line.field(), self.blocks) for _ in range(2))
-        self.moment = place(builder, self.turn.field(), self.blocks)
-        self.inertia = place(builder, self.tensor.field(), self.blocks)
-        self.touched = place(builder, ti.field(ti.i32), self.blocks)
-        self.centre, self.velocity = (place(builder, self.line.field(), self.groups) for _ in range(2))
+        self.weighed, self.lacking = (place(builder, self.line.field(), blocks) for _ in range(2))
+        self.moment = place(builder, self.turn.field(), blocks)
+        self.inertia = place(builder, self.tensor.field(), blocks)
+        self.touched = place(builder, ti.field(ti.i32), blocks)
+        self.centre, self.velocity = (place(builder, self.line.field(), groups) for _ in range(2))
         """Centre of mass [m], and what is to be taken from the velocity there [m/s]."""
-        self.spin = place(builder, self.turn.field(), self.groups)
+        self.spin = place(builder, self.turn.field(), groups)
         """What is to be taken from the angular velocity [rad/s]."""
 
     def load(self) -> None:
         """Upload the lists."""
-        blocks = self.bodies.blocks
-        self._write(blocks.member, blocks.first, blocks.group, blocks.row, self.bodies.mass)
+        self.blocks.load()
+        self._write(self.bodies.mass)
 
     @ti.kernel
-    def _write(
-        self,
-        member: ti.types.ndarray(),
-        first: ti.types.ndarray(),
-        group: ti.types.ndarray(),
-        row: ti.types.ndarray(),
-        mass: ti.types.ndarray(),
-    ):
-        for k in range(member.shape[0]):
-            self.member[k] = member[k]
-        for b in range(first.shape[0]):
-            self.first[b] = first[b]
-        for b in range(group.shape[0]):
-            self.group[b] = group[b]
-        for g in range(row.shape[0]):
-            self.row[g] = row[g]
+    def _write(self, mass: ti.types.ndarray()):
         for g in range(mass.shape[0]):
             self.mass[g] = mass[g]
 
     @ti.func
     def correct(self, slot, dt):
         """Balance the residuals that were noted last. Loops run in parallel where the kernel calls this outermost."""
-        for b in range(self.blocks):
+        for b in range(self.blocks.block_count):
             self.add_up(b, slot)
         ti.loop_config(serialize=True)
-        for g in range(self.groups):
+        for g in range(self.blocks.group_count):
             self.settle(g, slot, dt)
-        for b in range(self.blocks):
+        for b in range(self.blocks.block_count):
             self.move(b, slot, dt)
 
     @ti.func
@@ -125,9 +107,9 @@ class RigidMotion:
         weighed, lacking = self.line(0.0), self.line(0.0)
         moment, inertia = self.turn(0.0), self.tensor(0.0)
         touched = 0
-        origin = self.place_of(self.member[self.first[self.row[self.group[b]]]], slot)
-        for k in range(self.first[b], self.first[b + 1]):
-            i = self.member[k]
+        origin = self.place_of(self.blocks.first_member(self.blocks.group[b]), slot)
+        for k in range(self.blocks.first[b], self.blocks.first[b + 1]):
+            i = self.blocks.member[k]
             x = self.place_of(i, slot) - origin
             m = ti.cast(self.state.mass[i], self.mass.dtype)
             r = ti.cast(self.descent.residual[i], self.mass.dtype)
@@ -168,7 +150,7 @@ class RigidMotion:
         weighed, lacking = self.line(0.0), self.line(0.0)
         moment, inertia = self.turn(0.0), self.tensor(0.0)
         touched = 0
-        for b in range(self.row[g], self.row[g + 1]):
+        for b in range(self.blocks.row[g], self.blocks.row[g + 1]):
             weighed += self.weighed[b]
             lacking += self.lacking[b]
             moment += self.moment[b]
@@ -181,15 +163,15 @@ class RigidMotion:
         # What it takes to stop all of it, drag included; a touched body is left to the sweeps.
         ease = (1.0 - touched) / (1.0 + dt * self.drag)
         least = self.rounding * m * centre.dot(centre)
-        self.centre[g] = centre + self.place_of(self.member[self.first[self.row[g]]], slot)
+        self.centre[g] = centre + self.place_of(self.blocks.first_member(g), slot)
         self.velocity[g] = ease * lacking / m
         self.spin[g] = ease * solved(factorised(inertia, ti.max(least, 1e-30), self.rounding), moment)
 
     @ti.func
     def move(self, b, slot, dt):
-        g = self.group[b]
-        for k in range(self.first[b], self.first[b + 1]):
-            i = self.member[k]
+        g = self.blocks.group[b]
+        for k in range(self.blocks.first[b], self.blocks.first[b + 1]):
+            i = self.blocks.member[k]
             x = self.place_of(i, slot) - self.centre[g]
             swing = self.line(0.0)
             if ti.static(self.dimension == 2):

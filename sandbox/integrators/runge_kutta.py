@@ -1,7 +1,8 @@
 """Explicit Runge-Kutta schemes from their tableaux: one pass over all particles a stage.
 
 With s stages, x_i = x + h sum_j a_ij v_j and v_i likewise from accelerations. All stages share one kernel:
-the tableau, times the step, is a small field.
+the tableau, times the step, is a small field. Colliders are met in every stage, without restitution before the
+last: a particle that is pressed on a surface would have a velocity into it there, which dampers take for real.
 
 Drag is taken out of the equations: for u = exp(gamma t) v they have none (Lawson 1967), so no step is too
 long for it. The last row is scaled so that a constant force is met exactly too, which is a correction of the
@@ -9,51 +10,35 @@ scheme's own order.
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
 from sandbox import runtime
-from sandbox.integrators.bookkeeping import Bookkeeping
 from sandbox.integrators.kick import PlainKick
-from sandbox.integrators.preparation import Preparation
 from sandbox.integrators.schemes import RungeKuttaScheme
 from sandbox.integrators.step_end import StepEnd
-from sandbox.parts import Parts
-from sandbox.state import FIRST_STAGE_SLOT, SLICE, ParticleState, place
+from sandbox.integrators.stepper import Setup, Stepper
+from sandbox.state import FIRST_STAGE_SLOT, SLICE, place
 
 
 @ti.data_oriented
-class RungeKutta:
-    """Advances a state by an explicit Runge-Kutta scheme with the given parts."""
+class RungeKutta(Stepper):
+    """Advances a state by an explicit Runge-Kutta scheme."""
 
-    def __init__(
-        self,
-        builder: ti.FieldsBuilder,
-        scheme: RungeKuttaScheme,
-        state: ParticleState,
-        parts: Parts,
-        drag: float,
-        pinned: bool,
-        serial: bool,
-    ) -> None:
+    def __init__(self, setup: Setup, scheme: RungeKuttaScheme) -> None:
+        super().__init__(setup, PlainKick())
+        builder, real = setup.builder, runtime.real()
         self.scheme = scheme
         self.stages = scheme.stages
-        self.state = state
-        self.laws = parts.laws
-        self.slicing = [law for law in parts.laws if hasattr(law, "gather_slice")]
-        self.evolving = [law for law in parts.laws if getattr(law, "changes", False)]
-        self.slices = state.capacity // SLICE
-        self.preparation = Preparation(parts)
-        self.end = StepEnd(state, parts, pinned)
-        self.contact = parts.contact
-        self.books = [Bookkeeping(state, parts, PlainKick(), ledger) for ledger in parts.ledger]
-        self.drag = drag
-        self.serial = serial
-        self.vector = runtime.vector(state.dimension)
-        real = runtime.real()
-        self.acceleration = place(builder, self.vector.field(), self.stages, state.count)
+        self.end = StepEnd(setup.state, setup.parts, setup.pinned)
+        bearing = [collider.under_solver() for collider in setup.parts.colliders] if self.stages > 1 else []
+        self.stage_end = StepEnd(
+            setup.state, replace(setup.parts, colliders=bearing, carriers=[], contact=[]), setup.pinned
+        )
+        self.acceleration = place(builder, self.vector.field(), self.stages, self.state.count)
         """Of every stage [m/s^2]."""
         self.drift = place(builder, ti.field(real), self.stages, self.stages)
         """Row r: what the velocities of stages 0 to r give to the place after stage r [s]."""
@@ -72,45 +57,29 @@ class RungeKutta:
         if dt != self._prepared_dt:
             self._write(*step_tableau(self.scheme, dt, self.drag))
             self._prepared_dt = dt
-        for contact in self.contact:
-            contact.invalidate()
-        if self.serial:
-            self._run_serial(self.state.slot, steps, dt, time)
-        else:
-            self._run_parallel(steps, dt, time)
-        # With contact a step ends in the slot that it began in.
-        if not self.contact:
-            self.state.slot = (self.state.slot + steps) % 2
+        super().advance(steps, dt, time)
 
-    def _run_parallel(self, steps: int, dt: float, time: float) -> None:
-        slot = self.state.slot
-        for step in range(steps):
-            for stage in range(self.stages):
-                self._stage_parallel(stage, slot, dt, time + step * dt)
-            if self.contact:
-                self.contact[0].resolve(1 - slot, slot, dt)
-            else:
-                slot = 1 - slot
+    def take_step(self, step: int, steps: int, slot: int, dt: float, time: float) -> None:
+        """One step, a launch a stage."""
+        for stage in range(self.stages):
+            self._stage(stage, slot, step, dt, time)
 
     @ti.kernel
-    def _stage_parallel(self, stage: int, slot: int, dt: float, time: float):
-        self.prepare(stage, slot, dt, time)
+    def _stage(self, stage: int, slot: int, step: int, dt: float, time: float):
+        self.prepare(stage, slot, dt, time + step * dt)
         self.take_stage(stage, slot, dt)
 
     @ti.kernel
-    def _run_serial(self, slot: int, steps: int, dt: float, time: float):
+    def run_serial(self, slot: int, steps: int, dt: float, time: float):
         ti.loop_config(serialize=True)
         for n in range(steps * self.stages):
-            stage = n % self.stages
-            step = n // self.stages
-            source = (slot + step) % 2
-            if ti.static(self.contact):
-                source = slot
-            self.prepare(stage, source, dt, time + step * dt)
-            self.take_stage(stage, source, dt)
+            stage, step = n % self.stages, n // self.stages
+            begun = self.slot_at(slot, step)
+            self.prepare(stage, begun, dt, time + step * dt)
+            self.take_stage(stage, begun, dt)
             if ti.static(self.contact):
                 if stage == self.stages - 1:
-                    self.contact[0].resolve_serial(1 - source, source, dt)
+                    self.meet_others_serial(begun, dt)
 
     @ti.func
     def prepare(self, stage, slot, dt, time):
@@ -168,9 +137,11 @@ class RungeKutta:
         if stage == self.stages - 1:
             to = 1 - slot
             free_x, free_v = x, v
-            x, v = self.end.meet(i, start, x, v, dt)
+            x, v = self.end.meet_pressed(i, start, x, v, dt)
             for books in ti.static(self.books):
                 books.finish(i, self.state.v[slot, i], force - lossy, x - free_x, free_v, v, dt)
+        elif ti.static(self.stage_end.colliders):
+            x, v = self.stage_end.meet_pressed(i, start, x, v, self.moment[stage + 1])
         self.state.x[to, i] = x
         self.state.v[to, i] = v
 

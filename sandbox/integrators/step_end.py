@@ -21,10 +21,38 @@ class StepEnd:
     @ti.func
     def meet(self, i, start, end, v, dt):
         """Position and velocity of particle i, that flew from ``start`` to ``end`` in ``dt`` [s] and has v then."""
+        x_new, v_new = self._keep_out(i, start, end, v, dt)
+        return self._carry(i, start, x_new, v_new, dt)
+
+    @ti.func
+    def meet_pressed(self, i, start, end, v, dt):
+        """The same of a scheme whose ``end`` is not start + dt v.
+
+        Whether a particle meets a surface is asked of start + dt v: one that is pressed on it has a velocity into
+        it at the end, though the mean of its velocities may well lead along it. Where the surface is, it is left.
+        """
+        x_new, v_new = end, v
+        if ti.static(self.colliders):
+            led = start + dt * v
+            x_met, v_new = self._keep_out(i, start, led, v, dt)
+            out = x_met - led
+            size = out.norm()
+            if size > 0.0:
+                n = out / size
+                x_new = end + (x_met - end).dot(n) * n
+        return self._carry(i, start, x_new, v_new, dt)
+
+    @ti.func
+    def _keep_out(self, i, start, end, v, dt):
         x_new, v_new = end, v
         if ti.static(not self.guards_pinned) or self.state.inverse_mass[i] > 0.0:
             for collider in ti.static(self.colliders):
                 x_new, v_new = collider.resolve(i, start, x_new, v_new, dt)
+        return x_new, v_new
+
+    @ti.func
+    def _carry(self, i, start, x, v, dt):
+        x_new, v_new = x, v
         for carrier in ti.static(self.carriers):
             x_new, v_new = carrier.carry(i, start, x_new, v_new, dt)
         for contact in ti.static(self.contact):

@@ -14,24 +14,20 @@ Chebyshev acceleration (Wang, "A Chebyshev semi-iterative approach", ACM Trans. 
 sweep but the last v <- omega (v - v'') + v'', with v'' of two sweeps before; particles at colliders are left out.
 """
 
-from typing import Any
-
 import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
 from sandbox import runtime
-from sandbox.integrators.bookkeeping import Bookkeeping
 from sandbox.integrators.colouring import ColourLists, colour_particles
 from sandbox.integrators.coupling import Coupling
 from sandbox.integrators.descent import MEASURE, MEET, RELAX, Descent
 from sandbox.integrators.first_guess import FirstGuess
 from sandbox.integrators.kick import PlainKick
-from sandbox.integrators.preparation import Preparation
 from sandbox.integrators.rigid_motion import FreeBodies, RigidMotion
-from sandbox.parts import Parts
+from sandbox.integrators.stepper import Setup, Stepper
 from sandbox.scene.assemble import Assembly
-from sandbox.state import ParticleState, place
+from sandbox.state import place
 
 FloatArray = NDArray[np.float64]
 
@@ -42,40 +38,32 @@ VBD_SERIAL_WORK = 3_000_000
 
 
 @ti.data_oriented
-class VertexBlockDescent:
-    """Advances a state by implicit Euler, solved by sweeps, with the given parts."""
+class VertexBlockDescent(Stepper):
+    """Advances a state by implicit Euler, solved by sweeps."""
 
-    def __init__(
-        self, builder: ti.FieldsBuilder, state: ParticleState, parts: Parts, assembly: Assembly, serial: bool
-    ) -> None:
-        solver = assembly.scene.solver
-        self.state = state
-        self.serial = serial
+    def __init__(self, setup: Setup) -> None:
+        super().__init__(setup, PlainKick())
+        builder, state, assembly, solver = setup.builder, setup.state, setup.assembly, setup.solver
         self.sweeps = solver.iterations or SWEEPS
-        self.contact = parts.contact
-        self.carriers = parts.carriers
-        self.evolving = [law for law in parts.laws if getattr(law, "changes", False)]
-        self.preparation = Preparation(parts)
         self.prepares = bool(self.preparation.laws)
-        self.drag = assembly.scene.drag
-        self.descent = Descent(builder, state, parts, self.drag)
-        self.books = [Bookkeeping(state, parts, PlainKick(), ledger) for ledger in parts.ledger]
-        self.vector = runtime.vector(state.dimension)
+        self.descent = Descent(builder, state, setup.parts, self.drag)
         self.lists = ColourLists.of(*_colours(assembly)).without(assembly.inverse_masses == 0.0)
         self.first = self.lists.first.tolist()
         self.member_count = len(self.lists.member)
         self.member = place(builder, ti.field(ti.i32), self.member_count)
         """Particles that move, colour by colour."""
+        moves = assembly.inverse_masses > 0.0
         self.coupling = [
-            Coupling(builder, state, law, _gases(assembly, law), self.descent)
-            for law in parts.laws
+            Coupling(builder, state, law, np.where(moves, law.particle_gas, np.int32(-1)), self.descent)
+            for law in self.laws
             if hasattr(law, "bulk")
         ]
         bodies = FreeBodies.of(assembly)
         self.rigid = [RigidMotion(builder, state, bodies, self.descent, self.drag)] if len(bodies.mass) else []
-        self.meets_again = bool(parts.colliders) and bool(self.coupling or self.rigid)
+        self.meets_again = bool(self.colliders) and bool(self.coupling or self.rigid)
         """True where corrections may move a particle into a collider."""
-        self.first_guess = FirstGuess(builder, state, parts.laws)
+        self.first_guess = FirstGuess(builder, state, self.laws)
+        self.remembering.append(self.first_guess)
         self.accelerates = solver.chebyshev > 0.0
         self.relaxation = _relaxation(solver.chebyshev, self.sweeps)
         self._place(builder)
@@ -102,40 +90,26 @@ class VertexBlockDescent:
 
     # -- steps --------------------------------------------------------------------------------------
 
-    def advance(self, steps: int, dt: float, time: float) -> None:
-        """Take ``steps`` steps of ``dt`` [s] from ``time`` [s]."""
-        for contact in self.contact:
-            contact.invalidate()
-        if self.serial:
-            self._run_serial(self.state.slot, steps, self.sweeps, dt, time)
-        else:
-            self._run_parallel(steps, dt, time)
-        # With contact a step ends in the slot that it began in.
-        if not self.contact:
-            self.state.slot = (self.state.slot + steps) % 2
+    def run_serial(self, slot: int, steps: int, dt: float, time: float) -> None:
+        """All steps in one launch."""
+        self._run_serial(slot, steps, self.sweeps, dt, time)
 
-    def _run_parallel(self, steps: int, dt: float, time: float) -> None:
-        slot = self.state.slot
-        for step in range(steps):
-            now = time + step * dt
-            self._begin_parallel(slot, now, dt)
-            for sweep in range(self.sweeps):
-                self._sweep_parallel(sweep, slot, now, dt)
-            if self.rigid or step == steps - 1:
-                self._measure_parallel(slot, now, dt)
-            if self.meets_again:
-                self._relax_parallel(0, self.member_count, slot, dt, MEET)
-            if self.books:
-                self._again_parallel(slot, now, dt)
-            self._finish_parallel(slot, dt)
-            if self.contact:
-                self.contact[0].resolve(1 - slot, slot, dt)
-            else:
-                slot = 1 - slot
+    def take_step(self, step: int, steps: int, slot: int, dt: float, time: float) -> None:
+        """One step, a launch for every colour of every sweep."""
+        self._begin_parallel(slot, step, dt, time)
+        for sweep in range(self.sweeps):
+            self._sweep_parallel(sweep, slot, step, dt, time)
+        if self.rigid or step == steps - 1:
+            self._measure_parallel(slot, step, dt, time)
+        if self.meets_again:
+            self._relax_parallel(0, self.member_count, slot, dt, MEET)
+        if self.books:
+            self._again_parallel(slot, step, dt, time)
+        self._finish_parallel(slot, dt)
 
-    def _sweep_parallel(self, sweep: int, slot: int, time: float, dt: float) -> None:
+    def _sweep_parallel(self, sweep: int, slot: int, step: int, dt: float, time: float) -> None:
         if self.prepares:
-            self._again_parallel(slot, time, dt)
+            self._again_parallel(slot, step, dt, time)
         for first, end in zip(self.first[:-1], self.first[1:], strict=True):
             self._relax_parallel(first, end, slot, dt, RELAX)
         if self.coupling:
@@ -143,21 +117,21 @@ class VertexBlockDescent:
         if self.accelerates:
             self._accelerate_parallel(sweep, slot, dt)
 
-    def _measure_parallel(self, slot: int, time: float, dt: float) -> None:
+    def _measure_parallel(self, slot: int, step: int, dt: float, time: float) -> None:
         if self.prepares:
-            self._again_parallel(slot, time, dt)
+            self._again_parallel(slot, step, dt, time)
         self._relax_parallel(0, self.member_count, slot, dt, MEASURE)
         if self.rigid:
             self._correct_parallel(slot, dt)
         self._sum_parallel()
 
     @ti.kernel
-    def _begin_parallel(self, slot: int, time: float, dt: float):
-        self.begin(slot, time, dt)
+    def _begin_parallel(self, slot: int, step: int, dt: float, time: float):
+        self.begin(slot, time + step * dt, dt)
 
     @ti.kernel
-    def _again_parallel(self, slot: int, time: float, dt: float):
-        self.again(slot, time, dt)
+    def _again_parallel(self, slot: int, step: int, dt: float, time: float):
+        self.again(slot, time + step * dt, dt)
 
     @ti.kernel
     def _relax_parallel(self, first: int, end: int, slot: int, dt: float, errand: int):
@@ -194,11 +168,9 @@ class VertexBlockDescent:
     def _run_serial(self, slot: int, steps: int, sweeps: int, dt: float, time: float):
         ti.loop_config(serialize=True)
         for n in range(steps):
-            source = (slot + n) % 2
-            if ti.static(self.contact):
-                source = slot
+            begun = self.slot_at(slot, n)
             now = time + n * dt
-            self.begin(source, now, dt)
+            self.begin(begun, now, dt)
             # One loop for all that visits particle by particle: their equation is compiled once. After the sweeps
             # residuals are measured, if somebody wants to know, and what was corrected meets colliders again.
             for visit in range(sweeps + 2):
@@ -209,13 +181,12 @@ class VertexBlockDescent:
                 if errand == MEET:
                     due = ti.static(self.meets_again)
                 if due:
-                    self.visit(visit, errand, source, now, dt)
+                    self.visit(visit, errand, begun, now, dt)
             if ti.static(self.books):
-                self.again(source, now, dt)
+                self.again(begun, now, dt)
             for i in range(self.state.count):
-                self.finish(i, source, dt)
-            if ti.static(self.contact):
-                self.contact[0].resolve_serial(1 - source, source, dt)
+                self.finish(i, begun, dt)
+            self.meet_others_serial(begun, dt)
 
     @ti.func
     def visit(self, visit, errand, slot, time, dt):
@@ -317,7 +288,8 @@ class VertexBlockDescent:
         free = v
         if self.descent.touched(i) == 1:
             free = begun + self.state.inverse_mass[i] * impulse
-        self.descent.hand_in_friction(i, m * (v - free))
+        for meetings in ti.static(self.descent.meetings):
+            meetings.hand_in_friction(books.ledger, i, m * (v - free))
         moved = self.state.x[trial, i] - self.state.x[slot, i] - dt * free
         books.finish(i, begun, force - lossy, moved, free, v, dt)
 
@@ -344,24 +316,6 @@ class VertexBlockDescent:
         last, largest = self.left.to_numpy()
         return {"sweeps": float(self.sweeps), "residual": float(last), "largest_residual": float(largest)}
 
-    # -- memory -------------------------------------------------------------------------------------
-
-    def keep(self) -> None:
-        """Copy what the next guess needs into a backup."""
-        self.first_guess.keep()
-
-    def restore(self) -> None:
-        """Copy the backup back."""
-        self.first_guess.restore()
-
-    def memory(self) -> dict[str, FloatArray]:
-        """What :meth:`remember` takes."""
-        return self.first_guess.memory()
-
-    def remember(self, values: dict[str, FloatArray]) -> None:
-        """Set what the next guess needs from :meth:`memory`."""
-        self.first_guess.remember(values)
-
     @ti.kernel
     def _write(self, member: ti.types.ndarray(), omega: ti.types.ndarray()):
         for k in range(member.shape[0]):
@@ -378,13 +332,6 @@ def _colours(assembly: Assembly) -> tuple[int, NDArray[np.int32]]:
     pairs = np.concatenate([assembly.springs, *sides]).astype(np.int64)
     moving = assembly.inverse_masses > 0.0
     return colour_particles(assembly.particle_count, pairs[moving[pairs].all(axis=1)])
-
-
-def _gases(assembly: Assembly, law: Any) -> NDArray[np.int32]:
-    """Gas of every particle, -1 where there is none, or where it cannot move."""
-    gas = np.full(assembly.particle_count, -1, dtype=np.int32)
-    gas[assembly.gas_faces.faces] = law.face_gas[:, None]
-    return np.where(assembly.inverse_masses > 0.0, gas, np.int32(-1))
 
 
 def _relaxation(radius: float, sweeps: int) -> FloatArray:

@@ -4,10 +4,7 @@ A step of length h: forces that are no constraints, and drag, give velocities v*
 all constraints, in place (Gauss-Seidel), see :mod:`sandbox.integrators.constraints`; then x = x0 + h v. Source:
 Macklin, Mueller and Chentanez, "XPBD: position-based simulation of compliant constrained dynamics", MIG 2016.
 
-Colliders take part in the iterations, so that a body bears its own weight however long the step: after each, every
-particle's velocity without what colliders gave it so far meets them anew, without restitution but with friction. So
-a push is never more than the load, and gone with it. The end of the step does the same once more, and there what
-had arrived by itself, at v*, bounces.
+Colliders take part in the iterations, see :mod:`sandbox.integrators.pushes`.
 """
 
 from dataclasses import replace
@@ -16,90 +13,60 @@ import numpy as np
 import taichi as ti
 
 from sandbox import runtime
-from sandbox.integrators.bookkeeping import Bookkeeping
+from sandbox.integrators.block_sums import BlockSums
 from sandbox.integrators.constraints import constraints_of
-from sandbox.integrators.kick import DragKick, PlainKick
-from sandbox.integrators.preparation import Preparation
+from sandbox.integrators.kick import kick_with
+from sandbox.integrators.pushes import Pushes
 from sandbox.integrators.step_end import StepEnd
-from sandbox.parts import Parts
+from sandbox.integrators.stepper import Setup, Stepper
 from sandbox.scene.assemble import Assembly
-from sandbox.state import ParticleState, place
+from sandbox.state import place
 
 ITERATIONS = 10
 """Iterations a step where the scene says nothing."""
 # Work (particles + half-edges) below which one serial launch wins; see benchmarks/xpbd_sweep.py.
 SERIAL_WORK = 300_000
-# Particles whose residuals are added up one after the other.
-_BLOCK = 256
+_MISSING, _WHOLE = 0, 1
 _TINY = 1e-30
 
 
 @ti.data_oriented
-class Xpbd:
-    """Advances a state by solving constraints, with the given parts.
+class Xpbd(Stepper):
+    """Advances a state by solving constraints.
 
     Slot ``slot`` keeps the state at the step's start, the other one holds trial velocities until its end.
     """
 
-    def __init__(
-        self,
-        builder: ti.FieldsBuilder,
-        state: ParticleState,
-        parts: Parts,
-        drag: float,
-        pinned: bool,
-        iterations: int | None,
-        serial: bool,
-    ) -> None:
-        self.state = state
-        self.iterations = iterations or ITERATIONS
-        self.serial = serial
-        self.vector, self.real = runtime.vector(state.dimension), runtime.real()
-        solved = [(law, constraints_of(builder, law, state)) for law in parts.laws]
+    def __init__(self, setup: Setup) -> None:
+        self.kick = kick_with(setup.drag)
+        super().__init__(setup, self.kick)
+        builder, state, parts = setup.builder, setup.state, setup.parts
+        self.iterations = setup.solver.iterations or ITERATIONS
+        self.real = runtime.real()
+        solved = [(law, constraints_of(builder, law, state)) for law in self.laws]
         self.constraints = [constraint for _, constraint in solved if constraint is not None]
         self.refreshing = [constraint for constraint in self.constraints if hasattr(constraint, "refresh")]
         self.inner = [law for law, constraint in solved if constraint is not None]
         """Laws that the constraints stand for."""
         self.outer = [law for law, constraint in solved if constraint is None]
         """Laws that act as forces of the step's start."""
-        self.evolving = [law for law in parts.laws if getattr(law, "changes", False)]
-        self.preparation = Preparation(parts)
-        self.kick = DragKick(drag) if drag > 0.0 else PlainKick()
-        self.contact = parts.contact
-        self.colliders = parts.colliders
-        self.carriers = parts.carriers
         self.predicted = place(builder, self.vector.field(), state.count)
         """v*, what forces other than constraints make of velocities [m/s]."""
-        self._place_ends(builder, parts, pinned)
-        self._place_sums(builder, parts)
+        self.pushes = [Pushes(builder, state, parts, setup.pinned)] if parts.colliders else []
+        ends = [collider for pushes in self.pushes for collider in pushes.ends]
+        self.end = StepEnd(state, replace(parts, colliders=ends), setup.pinned)
+        self.ride = StepEnd(state, replace(parts, colliders=[], contact=[]), setup.pinned)
+        self._place_sums(builder)
 
-    def _place_ends(self, builder: ti.FieldsBuilder, parts: Parts, pinned: bool) -> None:
-        """What meets colliders in trial states and at the end of a step."""
-        bouncy = any(collider.surface.bouncy for collider in parts.colliders)
-        if parts.colliders:
-            self.push = place(builder, self.vector.field(), self.state.count)
-            """What colliders give to velocities in the trial state [m/s]."""
-        self.bounces = [place(builder, self.vector.field(), self.state.count)] if bouncy else []
-        """What constraints gave to velocities in the step [m/s]; only where there is restitution."""
-        given = self.bounces[0] if bouncy else None
-        ends = [collider.under_solver(given, booked=True) for collider in parts.colliders]
-        trials = [collider.under_solver() for collider in parts.colliders]
-        self.end = StepEnd(self.state, replace(parts, colliders=ends), pinned)
-        self.trial_end = StepEnd(self.state, replace(parts, colliders=trials, carriers=[], contact=[]), pinned)
-        self.ride = StepEnd(self.state, replace(parts, colliders=[], contact=[]), pinned)
-
-    def _place_sums(self, builder: ti.FieldsBuilder, parts: Parts) -> None:
+    def _place_sums(self, builder: ti.FieldsBuilder) -> None:
         """What is summed up of a step: its residual and, with a ledger, forces."""
-        self.block_count = -(-self.state.count // _BLOCK)
-        fine = ti.f64 if runtime.settings().arch in ("cpu", "cuda") else runtime.real()
-        self.fine = fine
-        self.squares = place(builder, ti.field(fine), self.block_count, 2)
-        """Of residuals and of impulses, each over the root of the mass [kg m^2/s^2], by block."""
+        self.sums = BlockSums(builder, self.state.count, 2)
+        """Squares of residuals and of impulses, each over the mass [kg m^2/s^2]."""
+        fine = self.sums.fine
         self.residuals = place(builder, ti.field(fine), 2)
         """Relative residual of the last step looked at, and the largest [1]."""
         self.noise = place(builder, ti.field(fine), self.state.count)
         """Force that rounding of its place makes at a particle [N], over that place."""
-        self.books = [Bookkeeping(self.state, parts, self.kick, ledger) for ledger in parts.ledger]
         outer, inner = ([law for law in laws if hasattr(law, "dissipation_on")] for laws in (self.outer, self.inner))
         self.lossy_laws = [*outer, *inner]
         self.first_inner, self.drag_row = len(outer), len(outer) + len(inner)
@@ -124,70 +91,47 @@ class Xpbd:
         A residual is the norm of M^(-1/2) r, with r what impulses lack to be those of implicit Euler, relative to
         the norm of those impulses, or to what rounding makes of them where that is more.
         """
-        residuals = np.empty(2)
-        self._read(residuals)
-        return {
-            "iterations": float(self.iterations),
-            "residual": float(residuals[0]),
-            "largest_residual": float(residuals[1]),
-        }
+        last, largest = self.residuals.to_numpy()
+        return {"iterations": float(self.iterations), "residual": float(last), "largest_residual": float(largest)}
 
     # -- a call -------------------------------------------------------------------------------------
 
-    def advance(self, steps: int, dt: float, time: float) -> None:
-        """Take ``steps`` steps of ``dt`` [s] from ``time`` [s]."""
-        decay, gain = self.kick.factors(dt)
-        for contact in self.contact:
-            contact.invalidate()
-        if self.serial:
-            self._run_serial(self.state.slot, steps, decay, gain, dt, time)
-        else:
-            self._run_parallel(steps, decay, gain, dt, time)
-        # With contact a step ends in the slot that it began in.
-        if not self.contact:
-            self.state.slot = (self.state.slot + steps) % 2
+    def run_serial(self, slot: int, steps: int, dt: float, time: float) -> None:
+        """All steps in one launch."""
+        self._run_serial(slot, steps, *self.kick.factors(dt), dt, time)
 
-    def _run_parallel(self, steps: int, decay: float, gain: float, dt: float, time: float) -> None:
-        slot = self.state.slot
-        for step in range(steps):
-            self._begin_parallel(slot, step, decay, gain, dt, time)
-            for iteration in range(self.iterations):
-                for constraint in self.constraints:
-                    constraint.sweep(slot, 1 - slot, dt, gain, iteration)
-                if self.colliders:
-                    self._keep_out_parallel(slot, dt)
-            if self.books or step == steps - 1:
-                self._survey_parallel(slot, gain, dt)
-            self._finish_parallel(slot, dt)
-            if self.contact:
-                self.contact[0].resolve(1 - slot, slot, dt)
-            else:
-                slot = 1 - slot
+    def take_step(self, step: int, steps: int, slot: int, dt: float, time: float) -> None:
+        """One step, a launch for every colour of every iteration."""
+        decay, gain = self.kick.factors(dt)
+        self._begin_parallel(slot, step, decay, gain, dt, time)
+        for iteration in range(self.iterations):
+            for constraint in self.constraints:
+                constraint.sweep(slot, 1 - slot, dt, gain, iteration)
+            if self.pushes:
+                self._keep_out_parallel(slot, dt)
+        if self.books or step == steps - 1:
+            self._survey_parallel(slot, gain, dt)
+        self._finish_parallel(slot, dt)
 
     @ti.kernel
     def _run_serial(self, slot: int, steps: int, decay: float, gain: float, dt: float, time: float):
         ti.loop_config(serialize=True)
         for n in range(steps):
-            start = (slot + n) % 2
-            if ti.static(self.contact):
-                start = slot
+            start = self.slot_at(slot, n)
             self.begin(start, decay, gain, dt, time + n * dt)
             for iteration in range(self.iterations):
                 for constraint in ti.static(self.constraints):
                     constraint.sweep_serial(start, 1 - start, dt, gain, iteration)
-                if ti.static(self.colliders):
-                    self.keep_out(start, dt)
+                self.keep_out(start, dt)
             if ti.static(self.books):
                 self.survey(start, gain, dt)
             elif n == steps - 1:
                 self.survey(start, gain, dt)
             self.finish(start, dt)
-            if ti.static(self.contact):
-                self.contact[0].resolve_serial(1 - start, start, dt)
+            self.meet_others_serial(start, dt)
 
     @ti.kernel
     def _begin_parallel(self, slot: int, step: int, decay: float, gain: float, dt: float, time: float):
-        # The sum is rounded as in the serial kernel.
         self.begin(slot, decay, gain, dt, time + step * dt)
 
     @ti.kernel
@@ -214,8 +158,9 @@ class Xpbd:
     @ti.func
     def keep_out(self, slot, dt):
         """Have all particles meet the colliders."""
-        for i in range(self.state.count):
-            self.meet_colliders(i, slot, dt)
+        for pushes in ti.static(self.pushes):
+            for i in range(self.state.count):
+                pushes.renew(i, slot, dt)
 
     @ti.func
     def survey(self, slot, gain, dt):
@@ -224,14 +169,19 @@ class Xpbd:
             self.state.x[1 - slot, i] = self.state.x[slot, i] + dt * self.state.v[1 - slot, i]
         for constraint in ti.static(self.refreshing):
             constraint.refresh(1 - slot)
-        for k in range(self.block_count):
-            self.squares[k, 0] = ti.cast(0.0, self.fine)
-            self.squares[k, 1] = ti.cast(0.0, self.fine)
-            for i in range(k * _BLOCK, ti.min((k + 1) * _BLOCK, self.state.count)):
-                self.look_at(i, k, slot, gain, dt)
+        for block in range(self.sums.blocks):
+            missing, whole = self.sums.zero(), self.sums.zero()
+            for i in range(self.sums.first(block), self.sums.end(block)):
+                lacking, acting = self.look_at(i, slot, gain, dt)
+                missing += lacking
+                whole += acting
+            self.sums.put(block, _MISSING, missing)
+            self.sums.put(block, _WHOLE, whole)
         ti.loop_config(serialize=True)
         for _ in range(1):
-            self._sum_up()
+            residual = ti.sqrt(self.sums.total(_MISSING) / ti.max(self.sums.total(_WHOLE), _TINY))
+            self.residuals[0] = residual
+            self.residuals[1] = ti.max(self.residuals[1], residual)
 
     @ti.func
     def finish(self, slot, dt):
@@ -262,32 +212,20 @@ class Xpbd:
                 v = (there - start) / dt
         self.predicted[i] = v
         self.state.v[1 - slot, i] = v
-        if ti.static(self.colliders):
-            self.push[i] = self.vector(0.0)
-
-    @ti.func
-    def meet_colliders(self, i, slot, dt):
-        """Find anew what colliders must give to the velocity of particle i."""
-        if self.state.inverse_mass[i] > 0.0:
-            start = self.state.x[slot, i]
-            free = self.state.v[1 - slot, i] - self.push[i]
-            end = start + dt * free
-            kept, _ = self.trial_end.meet(i, start, end, free, dt)
-            push = (kept - end) / dt
-            self.push[i] = push
-            self.state.v[1 - slot, i] = free + push
+        for pushes in ti.static(self.pushes):
+            pushes.begin(i)
 
     @ti.func
     def free_velocity(self, i, slot):
         """Velocity of particle i without what colliders gave it [m/s]."""
         v = self.state.v[1 - slot, i]
-        if ti.static(self.colliders):
-            v -= self.push[i]
+        for pushes in ti.static(self.pushes):
+            v -= pushes.push[i]
         return v
 
     @ti.func
-    def look_at(self, i, k, slot, gain, dt):
-        """Add the residual of particle i to block k."""
+    def look_at(self, i, slot, gain, dt):
+        """Squares of what the impulses on particle i lack, and of those that act on it, over its mass [kg m^2/s^2]."""
         force, forces = self.vector(0.0), ti.cast(0.0, self.real)
         for law in ti.static(self.inner):
             own = law.force_on(i, 1 - slot)
@@ -295,6 +233,7 @@ class Xpbd:
             forces += own.dot(own)
         for _ in ti.static(self.books):
             self._book_inner(i, slot, force, gain / dt)
+        lacking, acting = 0.0 * dt, 0.0 * dt
         if self.state.inverse_mass[i] > 0.0:
             m = self.state.mass[i]
             given = m * (self.free_velocity(i, slot) - self.predicted[i])
@@ -302,27 +241,17 @@ class Xpbd:
             missing = given - gain * force
             x = self.state.x[slot, i]
             noise = ti.cast(self.noise[i] * self.noise[i], self.real) * x.dot(x)
-            square = (outer.dot(outer) + gain * gain * (forces + noise)) / m
-            self.squares[k, 0] = self.squares[k, 0] + ti.cast(missing.dot(missing) / m, self.fine)
-            self.squares[k, 1] = self.squares[k, 1] + ti.cast(square, self.fine)
-
-    @ti.func
-    def _sum_up(self):
-        missing, whole = ti.cast(0.0, self.fine), ti.cast(0.0, self.fine)
-        for k in range(self.block_count):
-            missing += self.squares[k, 0]
-            whole += self.squares[k, 1]
-        residual = ti.sqrt(missing / ti.max(whole, _TINY))
-        self.residuals[0] = residual
-        self.residuals[1] = ti.max(self.residuals[1], residual)
+            lacking = missing.dot(missing) / m
+            acting = (outer.dot(outer) + gain * gain * (forces + noise)) / m
+        return lacking, acting
 
     @ti.func
     def end_step(self, i, slot, dt):
         """Particle i at the end of the step."""
         start = self.state.x[slot, i]
         free = self.free_velocity(i, slot)
-        for given in ti.static(self.bounces):
-            given[i] = free - self.predicted[i]
+        for pushes in ti.static(self.pushes):
+            pushes.end(i, free - self.predicted[i])
         x, v = self.end.meet(i, start, start + dt * free, free, dt)
         for books in ti.static(self.books):
             self._book_end(books, i, slot, free, x, v, dt)
@@ -380,8 +309,3 @@ class Xpbd:
     def _write_noise(self, noise: ti.types.ndarray()):
         for i in range(self.state.count):
             self.noise[i] = noise[i]
-
-    @ti.kernel
-    def _read(self, residuals: ti.types.ndarray()):
-        for k in range(2):
-            residuals[k] = self.residuals[k]

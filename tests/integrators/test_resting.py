@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from sandbox.integrators.resting import FREE, HELD, SLIDING
+from sandbox.integrators.bearing import FREE
+from sandbox.integrators.resting import HELD, SLIDING
 from tests import analytical
 from tests.conftest import falling_point, make_scene
 

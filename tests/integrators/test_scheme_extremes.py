@@ -1,10 +1,12 @@
 """Every scheme at the extremes: finite and bounded, or stopped with the named error; implicit ones always bounded.
 
-One simulation a scheme; springs, masses and the start are written anew for every case.
+One simulation a scheme and setting; springs, masses and the start are written anew for every case.
 """
 
 import itertools
+from collections.abc import Iterable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,27 +22,32 @@ DAMPING = (0.0, 1.0, 10.0)
 MASS_RATIO = (1.0, 1e6)
 STEPS = (1e-6, 1e-3, 0.1)
 STARTS = ("still", "fast", "stretched")
+ALL = tuple(itertools.product(STIFFNESS, DAMPING, MASS_RATIO, STEPS, STARTS))
+CORNERS = tuple(itertools.product((1e-3, 1e9), (0.0, 10.0), MASS_RATIO, (1e-6, 0.1), ("fast", "stretched")))
 BOUNDED = {"implicit_euler": 1.5, "vbd": 1.5, "implicit_midpoint": 4.0, "xpbd": 4.0}
 """Schemes that must never stop, and the factor within which their energy stays: implicit midpoint keeps energy on
 linear springs alone. Ten iterations of xpbd do not reach across masses of 1 to 10^6, springs there are left long:
 of its energy only what moves is bounded."""
 TAKEN = 40
+FLOOR = {"kind": "half_space", "point": [0.0, 0.0, 0.0], "normal": [0.0, 1.0, 0.0], "restitution": 0.3, "friction": 0.3}
+INTEGRATORS = [str(name) for name in IntegratorName]
 
 
-def box(integrator: str):
-    """A square of 16 particles in free fall."""
+def box(integrator: str, dimension: int = 2, cells: int = 3, precision: str = "f64", **more: Any):
+    """A square or cube of particles in free fall."""
     body = {
         "name": "box",
-        "shape": {"kind": "box", "size": [0.3, 0.3], "cells": [3, 3]},
-        "position": [0.0, 0.2],
+        "shape": {"kind": "box", "size": [0.3] * dimension, "cells": [cells] * dimension},
+        "position": [0.0, 0.2, 0.0][:dimension],
         "material": {"stiffness": 1.0, "damping": 0.1, "mass": 1.0},
     }
     return make_scene(
-        dimension=2,
-        gravity=[0.0, -9.81],
-        solver={"integrator": integrator, "dt": 1e-6, "precision": "f64"},
+        dimension=dimension,
+        gravity=[0.0, -9.81, 0.0][:dimension],
+        solver={"integrator": integrator, "dt": 1e-6, "precision": precision},
         diagnostics={"max_strain": 1e8, "max_speed": 1e8},
         bodies=[body],
+        **more,
     )
 
 
@@ -62,13 +69,11 @@ def reach(simulation: Simulation, elastic: bool = True) -> float:
     return energy.kinetic + (energy.elastic if elastic else 0.0)
 
 
-@pytest.mark.filterwarnings("ignore::sandbox.step_size.StabilityWarning")
-@pytest.mark.parametrize("integrator", [str(name) for name in IntegratorName])
-def test_a_scheme_at_the_extremes(simulate, integrator):
-    simulation = simulate(box(integrator))
+def endure(simulation: Simulation, integrator: str, cases: Iterable[tuple[float, float, float, float, str]]) -> None:
+    """Run all cases; each must go on within bounds, or stop with the named error where the scheme may."""
     base = simulation.assembly
     stopped = 0
-    for stiffness, damping, mass_ratio, dt, start in itertools.product(STIFFNESS, DAMPING, MASS_RATIO, STEPS, STARTS):
+    for stiffness, damping, mass_ratio, dt, start in cases:
         label = f"k {stiffness:g} N/m, damping {damping:g}, masses 1:{mass_ratio:g}, dt {dt:g} s, {start}"
         simulation.retune(case(base, stiffness, damping, mass_ratio, start))
         simulation.dt = dt
@@ -85,3 +90,23 @@ def test_a_scheme_at_the_extremes(simulate, integrator):
             assert reach(simulation, integrator != "xpbd") <= BOUNDED[integrator] * (begun + given), label
     # The extremes are extreme: explicit schemes cannot take all of them.
     assert (stopped > 0) == (integrator not in BOUNDED)
+
+
+@pytest.mark.filterwarnings("ignore::sandbox.step_size.StabilityWarning")
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_a_scheme_at_the_extremes(simulate, integrator):
+    endure(simulate(box(integrator)), integrator, ALL)
+
+
+@pytest.mark.filterwarnings("ignore::sandbox.step_size.StabilityWarning")
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_a_scheme_at_the_corners_of_the_extremes_in_f32(simulate, integrator):
+    endure(simulate(box(integrator, precision="f32")), integrator, CORNERS)
+
+
+@pytest.mark.filterwarnings("ignore::sandbox.step_size.StabilityWarning")
+@pytest.mark.parametrize("precision", ["f32", "f64"])
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_a_scheme_at_the_corners_of_the_extremes_in_3d_with_a_floor(simulate, integrator, precision):
+    scene = box(integrator, 3, 2, precision, colliders=[FLOOR])
+    endure(simulate(scene), integrator, CORNERS)

@@ -168,9 +168,8 @@ class SolidCollider:
 
     booked = False
     ledger: Any = None
-    noted = False
-    resting: Any = None
-    """With ``noted`` set before kernels compile: what keeps every meeting, for a solve that the surface shall bear."""
+    witnesses: tuple[Any, ...] = ()
+    """Who is told of every meeting, see :meth:`seen_by`: one or none."""
     count = 1
     most_hits = 1
     """How often a particle can meet the solid within one substep: a hollow one several times."""
@@ -189,6 +188,13 @@ class SolidCollider:
         """
         twin = copy.copy(self)
         twin.surface = SolvedSurface(self.surface, solved)
+        twin.booked = self.booked and booked
+        return twin
+
+    def seen_by(self, witness: Any, booked: bool = False) -> "SolidCollider":
+        """The same solid, which tells ``witness.note`` of every meeting: for a solve that the surface shall bear."""
+        twin = copy.copy(self)
+        twin.witnesses = (witness,)
         twin.booked = self.booked and booked
         return twin
 
@@ -238,9 +244,9 @@ class SolidCollider:
             after = bounced - self.surface.rub(i, relative, normal)
             if ti.static(self.booked):
                 self.ledger.hand_in(RUBBED, i, self.state.mass[i] * (after - bounced))
-        if ti.static(self.noted):
+        for witness in ti.static(self.witnesses):
             bounce, friction = self.surface.restitution_of(i), self.surface.friction_of(i)
-            self.resting.note(i, relative, after - ground, normal, ground, bounce, friction)
+            witness.note(i, relative, after - ground, normal, ground, bounce, friction)
         return after
 
     def entry(self, c, start, end, radius):
