@@ -34,6 +34,7 @@ class Simulation:
     threads : CPU threads; by default all cores. The trajectory does not depend on it.
     serial : one launch for all steps of a frame (True) or a parallel launch a step (False);
         by default whichever is faster for the scene's size
+    warns : whether a fixed step above the stability limit is warned of; it takes time to find that limit
 
     Raises SceneError where the scene cannot be built, RuntimeUnavailableError where ``arch`` is not there.
     """
@@ -47,6 +48,7 @@ class Simulation:
         threads: int | None = None,
         serial: bool | None = None,
         verbose: bool = False,
+        warns: bool = True,
     ) -> None:
         self.scene = scene
         self.scheme = SCHEMES[scene.solver.integrator]
@@ -65,9 +67,7 @@ class Simulation:
         self._neighbours = first_neighbours(self.assembly)
         self._measurement: Measurement | None = None
         check_start(self.assembly, self.precision)
-        self._steps = StepSize(self.scheme, self.assembly, self._network)
-        self.initial_stable_dt = self._steps.limit
-        """Stability limit of the scheme in the shape that the scene starts with [s]."""
+        self._steps = StepSize(self.scheme, self.assembly, self._network, warns)
         self.dt = self._steps.chosen
         """Longest step that is taken [s]; every call divides its time into equal steps of at most this."""
         self._watch = EnergyWatch.of(self.assembly) if scene.solver.adapt is not None else None
@@ -272,6 +272,11 @@ class Simulation:
         return np.array(self.measure().angular_momentum)
 
     # -- stability ----------------------------------------------------------------------------------
+
+    @property
+    def initial_stable_dt(self) -> float:
+        """Stability limit of the scheme in the shape that the scene starts with [s]."""
+        return self._steps.limit
 
     def stable_dt(self) -> float:
         """Largest stable step of the scene's integrator in the shape that the bodies have now [s]."""

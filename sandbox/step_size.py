@@ -1,5 +1,6 @@
 """How long the steps of a run are: chosen before it, looked at again as shapes change, halved in a rescue."""
 
+import functools
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -76,14 +77,12 @@ class EnergyWatch:
 class StepSize:
     """Chooses the longest step of a scene for its scheme.
 
-    Raises SceneError where no step would do.
+    ``warns`` tells whether a fixed step above the limit is warned of. Raises SceneError where no step would do.
     """
 
-    def __init__(self, scheme: Scheme, assembly: Assembly, network: SpringNetwork) -> None:
-        self.scheme, self.assembly = scheme, assembly
+    def __init__(self, scheme: Scheme, assembly: Assembly, network: SpringNetwork, warns: bool) -> None:
+        self.scheme, self.assembly, self.network, self.warns = scheme, assembly, network, warns
         self.solver = assembly.scene.solver
-        self.limit = self._limit(network, assembly.positions)
-        """Stability limit of the scheme in the shape that the scene starts with [s]."""
         self.chosen = self._choose(network)
         """Longest step [s], to begin with and since the limit was last looked at."""
         self.first = self.chosen
@@ -95,6 +94,11 @@ class StepSize:
                 f"solver.dt: {self.chosen:.3g} s makes {1.0 / (self.chosen * fps):.3g} steps a picture, more than "
                 f"{MOST_STEPS:g}: soften or densify the stiffest body, or raise render.fps"
             )
+
+    @functools.cached_property
+    def limit(self) -> float:
+        """Stability limit of the scheme in the shape that the scene starts with [s]; takes a while to find."""
+        return self._limit(self.network, self.assembly.positions)
 
     def refreshed(
         self,
@@ -146,7 +150,7 @@ class StepSize:
                 self.scheme, network, self.assembly.positions, self.assembly.particle_body, self.solver.accuracy
             )
             return min(step, LONGEST_AUTO_DT)
-        if wanted > self.limit:
+        if self.warns and wanted > self.limit:
             warnings.warn(
                 f"solver.dt = {wanted:.4g} s is above the stability limit {self.limit:.4g} s of "
                 f"{self.solver.integrator} in this scene; expect it to diverge",

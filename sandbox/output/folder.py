@@ -14,7 +14,9 @@ _PREFIX = ".partial-"
 # What a run may leave in its folder; a later run replaces or removes these and touches nothing else.
 _PRODUCTS = (
     "video.mp4", "video.webm", "video.gif", "frames", "poster.png", "metrics.csv", "summary.json", "scene.toml",
-    "checkpoint.npz", "postmortem.png", "stability.json", "stability_map.csv", "stability_map.png",
+    "checkpoint.npz", "postmortem.png", "stability.json", "stability_map.csv", "stability_map.png", "trade.csv",
+    "trade.json", "trade.png", "tune.json", "tuned.toml", "models.json",
+    "models.csv",
 )  # fmt: skip
 
 
@@ -97,7 +99,14 @@ def _is_running(process: int) -> bool:
         return False
     with contextlib.suppress(ProcessLookupError, PermissionError):
         os.kill(process, 0)
-        return True
+        return not _is_dead(process)
+    return False
+
+
+def _is_dead(process: int) -> bool:
+    """Whether a process has ended that nobody has asked about yet; it keeps its number until then."""
+    with contextlib.suppress(OSError):
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
     return False
 
 

@@ -131,6 +131,15 @@ def _anchor_files(data: dict[str, Any], folder: Path) -> None:
                 part["file"] = os.path.abspath(folder / Path(part["file"]).expanduser())
 
 
+def lay_over(data: Mapping[str, Any], fragment: Mapping[str, Any]) -> dict[str, Any]:
+    """Scene data with the values of a fragment in their places: tables are merged, all else is replaced."""
+    merged = dict(data)
+    for key, value in fragment.items():
+        below = merged.get(key)
+        merged[key] = lay_over(below, value) if isinstance(below, dict) and isinstance(value, dict) else value
+    return merged
+
+
 def parse_assignment(text: str) -> tuple[str, Any]:
     """``KEY=VALUE`` of the command line -> (dotted key, value). The value is TOML; a bare word is text."""
     key, equals, value = text.partition("=")

@@ -1,17 +1,14 @@
 """What the stability study leaves: a folder with JSON, and the map as PNG and CSV."""
 
-import contextlib
-from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from sandbox.output.folder import RunFolder
 from sandbox.scene.load import to_toml
 from sandbox.scene.model import IntegratorName, Scene
+from sandbox.trade.progress import progress_bar
 from sandbox.trade.stability import StableStep, stable_steps
 from sandbox.trade.stability_map import draw, stability_map, write_csv
-
-Progress = Callable[[float, str], None]
 
 
 @dataclass(frozen=True)
@@ -41,7 +38,7 @@ def report_stability(scene: Scene, options: StabilityOptions, silent: bool) -> t
     """
     folder = RunFolder(options.folder)
     with folder.discarded_on_failure():
-        with _progress_bar(silent) as progress:
+        with progress_bar(silent) as progress:
             rows = stable_steps(
                 scene,
                 options.schemes,
@@ -60,17 +57,3 @@ def report_stability(scene: Scene, options: StabilityOptions, silent: bool) -> t
         folder.write_json("stability.json", {"name": options.name, "schemes": [asdict(row) for row in rows]})
         folder.publish()
     return rows, folder.path
-
-
-@contextlib.contextmanager
-def _progress_bar(silent: bool) -> Iterator[Progress]:
-    """A bar on standard error that takes a part done [1] and what is being done."""
-    if silent:
-        yield lambda *_: None
-        return
-    from rich.console import Console
-    from rich.progress import Progress as Bar
-
-    with Bar(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=1.0)
-        yield lambda done, what: bar.update(task, completed=done, description=what)

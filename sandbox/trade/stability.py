@@ -1,18 +1,16 @@
 """The largest stable step of every scheme for a scene: predicted, and measured by bisection."""
 
 import math
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from sandbox import limits
 from sandbox.integrators.schemes import SCHEMES
 from sandbox.pipeline import network_of
 from sandbox.scene.model import IntegratorName, Scene
 from sandbox.simulation import Simulation
-from sandbox.step_size import StabilityWarning
 from sandbox.trade.growth import Disturbance, largest_stable
+from sandbox.trade.trial import with_solver
 
 ACCURACY = 0.005
 """Of the bisection [1]."""
@@ -65,16 +63,9 @@ def stable_steps(
     return rows
 
 
-def with_solver(scene: Scene, **changes: Any) -> Scene:
-    """The scene with other solver settings."""
-    return scene.model_copy(update={"solver": scene.solver.model_copy(update=changes)})
-
-
 def provoked(scene: Scene, arch: str, threads: int | None) -> Simulation:
     """A simulation of double precision that is meant to blow up: it neither warns of that nor looks into it."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StabilityWarning)
-        simulation = Simulation(scene, arch=arch, precision="f64", threads=threads)
+    simulation = Simulation(scene, arch=arch, precision="f64", threads=threads, warns=False)
     simulation.explains_failures = False
     return simulation
 

@@ -20,7 +20,8 @@ from sandbox.scene.assemble import Assembly
 from sandbox.scene.model import Body, Scene
 from sandbox.simulation import Simulation
 from sandbox.trade.growth import Disturbance
-from sandbox.trade.stability import LONGEST, provoked, with_solver
+from sandbox.trade.stability import LONGEST, provoked
+from sandbox.trade.trial import with_solver
 
 STIFFNESS = (0.01, 0.1, 1.0, 10.0, 100.0)
 """Factors of the scene's own stiffness [1]."""

@@ -1,0 +1,108 @@
+"""What several commands take: the scene, its changes, lists of things."""
+
+from collections.abc import Callable
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+import typer
+
+from sandbox.errors import SceneError
+from sandbox.scene.load import find_scene, lay_over, parse_assignment, read_toml, scene_from_data
+from sandbox.scene.model import Scene
+
+SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="A preset's name, or a path to a TOML file.")]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Change a value of the scene, e.g. solver.dt=1e-4. Repeatable."),
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="JSON on standard output, and nothing else there.")]
+WithOption = Annotated[
+    list[Path] | None,
+    typer.Option("--with", metavar="FILE", help="TOML laid over the scene, such as what tune writes. Repeatable."),
+]
+_SHORTCUTS = {"duration": "seconds", "render.fps": "fps", "render.size": "size"}
+_Item = TypeVar("_Item")
+_Name = TypeVar("_Name", bound=StrEnum)
+
+
+def load(
+    source: str,
+    assignments: list[str] | None,
+    shortcuts: dict[str, Any] | None = None,
+    fragments: list[Path] | None = None,
+) -> Scene:
+    """The scene of a name or path, with fragments laid over it, then ``KEY=VALUE`` changes, then options.
+
+    Raises SceneError, with one line that says where the mistake is.
+    """
+    return scene_from_data(*scene_data(source, assignments, shortcuts, fragments))
+
+
+def scene_data(
+    source: str,
+    assignments: list[str] | None,
+    shortcuts: dict[str, Any] | None = None,
+    fragments: list[Path] | None = None,
+) -> tuple[dict[str, Any], dict[str, Any], str, dict[str, str], Path]:
+    """The same, not made into a scene yet: what ``scene_from_data`` takes."""
+    path = find_scene(source)
+    data = read_toml(path)
+    for fragment in fragments or []:
+        data = lay_over(data, read_toml(fragment))
+    overrides = dict(parse_assignment(text) for text in assignments or [])
+    given = {key: value for key, value in (shortcuts or {}).items() if value is not None}
+    options = {key: f"--{_SHORTCUTS[key]}" for key in given}
+    name = " with ".join([source, *map(str, fragments or [])])
+    return data, {**overrides, **given}, name, options, path.parent
+
+
+def picture_size(text: str) -> list[int]:
+    """WIDTHxHEIGHT as two numbers."""
+    width, _, height = text.lower().partition("x")
+    if not (width.isdigit() and height.isdigit()):
+        raise SceneError(f"--size {text}: must be WIDTHxHEIGHT, such as 1280x720")
+    return [int(width), int(height)]
+
+
+def names(option: str, text: str | None, kind: type[_Name]) -> tuple[_Name, ...] | None:
+    """A list of names, NAME,NAME; None where there is none."""
+    if text is None:
+        return None
+    found = [name.strip() for name in text.split(",")]
+    for name in found:
+        if name not in tuple(kind):
+            raise SceneError(f"{option} {name}: must be one of {', '.join(kind)}")
+    return tuple(dict.fromkeys(kind(name) for name in found))
+
+
+def numbers(option: str, text: str | None, parse: Callable[[str], _Item]) -> tuple[_Item, ...] | None:
+    """A list of positive numbers, A,B; None where there is none."""
+    if text is None:
+        return None
+    found = []
+    for part in text.split(","):
+        try:
+            value = parse(part)
+        except ValueError:
+            raise SceneError(f"{option} {part.strip()}: must be numbers, such as 1,2") from None
+        if not 0 < value < 1e9:  # type: ignore[operator]
+            raise SceneError(f"{option} {part.strip()}: must be > 0")
+        found.append(value)
+    return tuple(dict.fromkeys(found))
+
+
+def quantity(option: str, text: str | None, units: dict[str, float]) -> float | None:
+    """A positive number with a unit, as a number of the unit that stands for 1; None where there is none."""
+    if text is None:
+        return None
+    number = text.strip().rstrip("".join(units))
+    unit = text.strip()[len(number) :]
+    try:
+        value = float(number) * units[unit]
+    except (ValueError, KeyError):
+        known = ", ".join(name or "no unit" for name in units)
+        raise SceneError(f"{option} {text}: must be a number with {known}") from None
+    if not 0.0 < value < 1e6:
+        raise SceneError(f"{option} {text}: must be > 0")
+    return value
