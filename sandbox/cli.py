@@ -9,9 +9,10 @@ from typing import Annotated, Any
 
 import typer
 
-from sandbox import __version__
+from sandbox import __version__, cli_studies
+from sandbox.cli_options import JsonOption, SceneArgument, SetOption, WithOption, load, names, picture_size, scene_data
 from sandbox.errors import SandboxError, SceneError
-from sandbox.scene.load import find_scene, json_schema, parse_assignment, read_toml, scene_from_data
+from sandbox.scene.load import json_schema
 from sandbox.scene.model import IntegratorName, Scene
 
 # Typer depends on click in some versions and carries its own copy in others; it exports only this leaf.
@@ -22,13 +23,6 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-
-SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="A preset's name, or a path to a TOML file.")]
-SetOption = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Change a value of the scene, e.g. solver.dt=1e-4. Repeatable."),
-]
-JsonOption = Annotated[bool, typer.Option("--json", help="JSON on standard output, and nothing else there.")]
 
 
 @app.callback(invoke_without_command=True)
@@ -45,6 +39,7 @@ def main_options(
 def run(
     scene: SceneArgument,
     set_: SetOption = None,
+    with_: WithOption = None,
     seconds: Annotated[float | None, typer.Option(help="Simulated time at the end [s].")] = None,
     fps: Annotated[float | None, typer.Option(help="Pictures a simulated second.")] = None,
     size: Annotated[str | None, typer.Option(metavar="WIDTHxHEIGHT", help="Picture size, e.g. 1280x720.")] = None,
@@ -60,8 +55,8 @@ def run(
     verbose: Annotated[bool, typer.Option("--verbose", help="Show Taichi's own log.")] = False,
 ) -> None:
     """Simulate a scene, draw it, and leave a run folder with video, poster, metrics and checkpoint."""
-    shortcuts = {"duration": seconds, "render.fps": fps, "render.size": None if size is None else _size(size)}
-    loaded = _load(scene, set_, shortcuts)
+    shortcuts = {"duration": seconds, "render.fps": fps, "render.size": None if size is None else picture_size(size)}
+    loaded = load(scene, set_, shortcuts, with_)
     from sandbox.headless import RunOptions
     from sandbox.headless import run as run_scene
 
@@ -124,12 +119,12 @@ def stability(
     """Largest stable dt of every scheme for a scene: predicted, and measured by bisection."""
     if horizon is not None and not horizon > 0.0:
         raise SceneError(f"--horizon {horizon:g}: must be > 0")
-    loaded = _load(scene, set_, {})
+    loaded = load(scene, set_)
     from sandbox.trade.report import StabilityOptions, report_stability
 
     options = StabilityOptions(
         name=Path(scene).stem,
-        schemes=_integrators(schemes),
+        schemes=names("--schemes", schemes, IntegratorName) or tuple(IntegratorName),
         horizon=horizon,
         draws_map=map_,
         out=out,
@@ -145,16 +140,6 @@ def stability(
         return
     _print_stable_steps(rows)
     typer.echo(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
-
-
-def _integrators(text: str | None) -> tuple[IntegratorName, ...]:
-    if text is None:
-        return tuple(IntegratorName)
-    names = [name.strip() for name in text.split(",")]
-    for name in names:
-        if name not in tuple(IntegratorName):
-            raise SceneError(f"--schemes {name}: must be one of {', '.join(IntegratorName)}")
-    return tuple(IntegratorName(name) for name in names)
 
 
 def _print_stable_steps(rows: Any) -> None:
@@ -176,13 +161,70 @@ def _print_stable_steps(rows: Any) -> None:
     Console(width=100).print(table)
 
 
+app.command()(cli_studies.measure)
+app.command()(cli_studies.tune)
+
+
+@app.command()
+def sweep(
+    scene: SceneArgument,
+    vary: Annotated[
+        list[str] | None,
+        typer.Option("--vary", metavar="KEY=A,B", help="Values that a key takes in turn, e.g. solver.dt=1e-4,1e-3."),
+    ] = None,
+    set_: SetOption = None,
+    with_: WithOption = None,
+    seconds: Annotated[float | None, typer.Option(help="Simulated time at the end [s].")] = None,
+    fps: Annotated[float | None, typer.Option(help="Pictures a simulated second.")] = None,
+    size: Annotated[str | None, typer.Option(metavar="WIDTHxHEIGHT", help="Picture size, e.g. 1280x720.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder; outputs/NAME-sweep by default.")] = None,
+    video: Annotated[str, typer.Option(help="Of every run: mp4, webm, gif, png or none.")] = "none",
+    posters: Annotated[bool, typer.Option("--posters", help="Draw a poster of every run, and a sheet of all.")] = False,
+    arch: Annotated[str, typer.Option(help="cpu, cuda, vulkan or metal.")] = "cpu",
+    precision: Annotated[str | None, typer.Option(help="f32 or f64; the scene's by default.")] = None,
+    threads: Annotated[
+        int | None, typer.Option(help="CPU threads of a run; by default 1 where several are side by side.")
+    ] = None,
+    workers: Annotated[int | None, typer.Option(help="Processes for runs side by side; all cores by default.")] = None,
+    cluster: cli_studies.ClusterOption = None,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Run again what an earlier sweep finished.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but the table, or errors.")] = False,
+    json_: JsonOption = False,
+) -> None:
+    """Every combination of values: a run folder each, and one table."""
+    if workers is not None and not 1 <= workers <= 256:
+        raise SceneError(f"--workers {workers}: must be between 1 and 256")
+    shortcuts = {"duration": seconds, "render.fps": fps, "render.size": None if size is None else picture_size(size)}
+    base = scene_data(scene, set_, shortcuts, with_)
+    from sandbox.trade import sweep as sweeping
+    from sandbox.trade.combinations import SceneData, parse_variation
+    from sandbox.trade.sweep_table import table
+
+    variations = [parse_variation(text) for text in vary or []]
+    options = sweeping.SweepOptions(
+        Path(scene).stem, out, video, posters, arch, precision, threads, workers, cluster, fresh
+    )
+    rows, folder = sweeping.sweep(SceneData(*base), variations, options, silent=quiet or json_)
+    failed = [row for row in rows if row.status in ("crashed", "refused")]
+    if json_:
+        typer.echo((folder / "sweep.json").read_text(encoding="utf-8"), nl=False)
+    else:
+        cli_studies.print_table(*table(variations, rows))
+        typer.echo(f"{folder}: {len(rows)} runs, {', '.join(sorted(path.name for path in folder.glob('sweep.*')))}")
+    for row in failed:
+        typer.echo(f"{row.label}: {row.status}: {row.message}", err=True)
+    if any(row.status == "crashed" for row in rows):
+        raise typer.Exit(1)
+
+
 @app.command()
 def validate(
     file: Annotated[str, typer.Argument(metavar="FILE", help="A scene file, or a preset's name.")],
     set_: SetOption = None,
+    with_: WithOption = None,
 ) -> None:
     """Check a scene file; say in one line what is wrong with it."""
-    loaded = _load(file, set_, {})
+    loaded = load(file, set_, fragments=with_)
     from sandbox.scene.assemble import assemble
 
     try:
@@ -196,24 +238,6 @@ def validate(
 def schema() -> None:
     """Print the JSON Schema of scene files."""
     typer.echo(json_schema())
-
-
-_SHORTCUTS = {"duration": "seconds", "render.fps": "fps", "render.size": "size"}
-
-
-def _load(source: str, assignments: list[str] | None, shortcuts: dict[str, Any]) -> Scene:
-    overrides = dict(parse_assignment(text) for text in assignments or [])
-    given = {key: value for key, value in shortcuts.items() if value is not None}
-    options = {key: f"--{_SHORTCUTS[key]}" for key in given}
-    path = find_scene(source)
-    return scene_from_data(read_toml(path), {**overrides, **given}, source, options, path.parent)
-
-
-def _size(text: str) -> list[int]:
-    width, _, height = text.lower().partition("x")
-    if not (width.isdigit() and height.isdigit()):
-        raise SceneError(f"--size {text}: must be WIDTHxHEIGHT, such as 1280x720")
-    return [int(width), int(height)]
 
 
 def _progress(scene: Scene, silent: bool) -> Any:

@@ -143,7 +143,7 @@ def run(scene: Scene, options: RunOptions, progress: ProgressReport | None = Non
     Raises SceneError (wrong input), and DivergedError after the folder with everything up to the
     last good state was written.
     """
-    _check_options(options)
+    check_options(options)
     start = clock.perf_counter()
     folder = RunFolder(options.folder)
     failure: BaseException | None = None
@@ -159,7 +159,8 @@ def run(scene: Scene, options: RunOptions, progress: ProgressReport | None = Non
     return summary
 
 
-def _check_options(options: RunOptions) -> None:
+def check_options(options: RunOptions) -> None:
+    """Raise SceneError where there is no such renderer or kind of video."""
     for name, value, allowed in (("renderer", options.renderer, RENDERERS), ("video", options.video, VIDEOS)):
         if value not in allowed:
             raise SceneError(f"--{name} {value}: must be one of {', '.join(allowed)}")

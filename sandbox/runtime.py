@@ -62,6 +62,15 @@ def start(arch: str = "cpu", precision: str = "f32", threads: int | None = None,
     _current = wanted
 
 
+def stop() -> None:
+    """Give back all that Taichi holds, and have it write what it compiled to its cache on disk.
+
+    Simulations that are still wanted save themselves, and start it anew when they go on.
+    """
+    _stop()
+    ti.reset()
+
+
 def _stop() -> None:
     global _current, _trees
     for owner in list(_owners):
