@@ -19,6 +19,8 @@ UNLIMITED = (4.0, 2.0, 1.0, 0.5, 0.25)
 """Steps of schemes without one, likewise [1]."""
 DEAREST = 8.0
 """Settings that are estimated to take so much longer than the scene's own are not tried by default [1]."""
+_FAR_TOO_DEAR = 3.0
+"""Times DEAREST beyond which not even the longest step of a scheme is tried [1]."""
 IN_DOUBLE = (IntegratorName.VELOCITY_VERLET, IntegratorName.RK4)
 """Schemes whose shortest step is tried in f64 too by default: accurate enough for rounding to show."""
 ITERATIONS = (4, 16)
@@ -156,9 +158,14 @@ def ladder(prospects: Prospects, choice: Choice) -> list[Settings]:
 
 
 def _affordable(prospects: Prospects, prospect: Prospect, dts: list[float], iterations: int | None) -> list[float]:
-    """Steps that are not dear against the scene's own settings; the longest one in any case."""
+    """Steps that are not dear against the scene's own settings, and the longest one unless it is far too dear.
+
+    A scheme whose stable steps are all far too dear is tried at the scene's own step: it diverges, which is a row.
+    """
     own = prospects.of(prospects.scene.solver.integrator)
     most = DEAREST * own.seconds(own.dt, prospects.scene.solver.iterations)
+    if math.isfinite(prospect.limit) and prospect.seconds(dts[0], iterations) > _FAR_TOO_DEAR * most:
+        return [whole_steps(own.dt, 1.0 / prospects.scene.render.fps)]
     return [dt for dt in dts if dt == dts[0] or prospect.seconds(dt, iterations) <= most]
 
 

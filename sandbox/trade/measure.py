@@ -25,21 +25,22 @@ from sandbox.trade.worker import Outcome, Status, Timing, run_trial, time_trial
 HORIZON = 1.0
 """Longest time that is looked at by default [s]."""
 _FEWEST_FRAMES = 6
-_BUDGET = 75.0
+_BUDGET = 60.0
 """Estimated time on one core that a study takes by default [s]: a heavy scene is looked at for a shorter time."""
 _LEVELS = 4
-"""Levels of the reference that are run from the start."""
+"""Levels of the reference that are run in any case."""
 _REFERENCE_BUDGET = 20.0
 """Estimated time on one core beyond which no finer level is run by default [s]."""
 _NEGLIGIBLE = 1e-9
 """Bound of the reference that is good enough for anything: f64 rounds not far below [1]."""
 _SMALLEST = 10.0
 """Smallest error that is told apart, in bounds of the reference's own [1]."""
-_START = 4.0
-"""About how long a process and a compilation take [s]."""
 _ROW_MOST = 120.0
+"""Time after which a run counts as too slow, unless it was estimated to take a tenth of that and more [s]."""
 _TIMING_MOST = 0.6
+"""Time for which a setting is timed, more or less [s]."""
 _PASSES = 3
+"""Passes over the horizon within that time, if they fit."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +133,7 @@ class Study:
         self.levels: dict[int, Record] = {}
         self.outcomes: dict[Settings, Outcome] = {}
         self.timings: dict[Settings, Timing] = {}
-        self._whole, self._spent = 1.0, 0.0
+        self._whole, self._spent, self._part = math.inf, 0.0, 0.0
 
     @property
     def horizon(self) -> float:
@@ -225,7 +226,12 @@ class Study:
 
     def _advance(self, job: Job, what: str) -> None:
         self._spent += job.cost
-        self.progress(min(1.0, self._spent / self._whole), what)
+        self.tell(self._spent / self._whole, what)
+
+    def tell(self, part: float, what: str) -> None:
+        """Report what was done last, and the part of the work that is behind by now [1]; it never falls."""
+        self._part = min(1.0, max(self._part, part))
+        self.progress(self._part, what)
 
     # -- the reference --------------------------------------------------------------------------------
 
@@ -240,12 +246,20 @@ class Study:
             )
         return Reference.of(self.plan, self.scale, self.levels)
 
+    def level_seconds(self, level: int) -> float:
+        """Estimated time of a level of the reference on one core [s]; of all before it together, nearly."""
+        return math.ldexp(self.plan.seconds * self.horizon, level)
+
+    def first_levels(self) -> range:
+        """Levels to be run beside the settings: some, and what more there is time for."""
+        return range(_LEVELS + 1 if self.level_seconds(_LEVELS) <= _REFERENCE_BUDGET else _LEVELS)
+
     def refine(self, slots: Sequence[Slot], wanted: Callable[[], float], most_seconds: float) -> Reference:
         """Refine the reference until its bound is a tenth of the error that is ``wanted()``, or the time is over."""
         reference = self.reference()
         while reference.bound > max(wanted() / _SMALLEST, _NEGLIGIBLE):
             level = reference.level + 1
-            if self.plan.seconds * 2**level * self.horizon > most_seconds:
+            if self.level_seconds(level) > most_seconds:
                 break
             self.run(slots, (), (level,))
             if level not in self.levels:
@@ -314,10 +328,10 @@ def measure(scene: Scene, options: Options, store: Store, progress: Progress = l
     Raises SceneError where the scene cannot be built, DivergedError where it has no reference.
     """
     study = Study(scene, options, store, progress)
-    levels = range(_LEVELS)
+    levels = study.first_levels()
     rungs = study.rungs
     errors = sum(study.trial(settings).cost for settings in rungs)
-    reference_seconds = study.plan.seconds * (2**_LEVELS - 1) * study.horizon
+    reference_seconds = study.level_seconds(len(levels)) - study.level_seconds(0)
     timings = sum(timing_cost(study.trial(settings).cost) for settings in rungs) if options.times else 0.0
     study.expect(errors + reference_seconds + timings)
     with open_crew(options.workers, options.cluster) as slots:
@@ -326,7 +340,7 @@ def measure(scene: Scene, options: Options, store: Store, progress: Progress = l
     if options.times:
         with open_crew(1) as slots:
             study.time(slots[0], [s for s in rungs if study.outcomes[s].status is Status.DONE])
-    progress(1.0, "done")
+    study.tell(1.0, "done")
     return study.trade(reference)
 
 

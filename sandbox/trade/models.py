@@ -350,7 +350,7 @@ def _cells(row: ModelRow) -> tuple[str, ...]:
     return (
         row.name,
         row.what,
-        "" if math.isnan(middle) else f"{1e3 * middle:.3g} ({1e3 * low:.3g}-{1e3 * high:.3g})",
+        "" if math.isnan(middle) else f"{1e3 * middle:.4g} ({1e3 * low:.4g}-{1e3 * high:.4g})",
         "" if row.change is None or math.isnan(row.saved) else f"{100.0 * row.saved:+.0f} %",
         f"{1e3 * row.settings.dt:.4g}",
         ("" if row.resolved or math.isnan(row.error) else "< ") + _percent(row.error),

@@ -103,7 +103,12 @@ def _draw_front(axis: Any, rows: list[Row]) -> None:
 
 
 def _frame(axis: Any, trade: Trade) -> None:
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
     axis.set(xscale="log", yscale="log")
+    axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.xaxis.set_minor_formatter(NullFormatter())
     axis.set_xlabel("wall time of a simulated second [s]")
     axis.set_ylabel("position error, in body sizes")
     axis.grid(which="major", alpha=0.3)
@@ -124,7 +129,7 @@ def _mark_real_time(axis: Any) -> None:
     transform = axis.get_xaxis_transform()
     if low / _NEAR < 1.0 < high * _NEAR:
         axis.axvline(1.0, color="black", linewidth=0.8, linestyle=(0, (1, 2)))
-        axis.text(1.0, 0.99, "real time ", rotation=90, fontsize=7, transform=transform, ha="right", va="top")
+        axis.text(1.0, 0.01, "real time ", rotation=90, fontsize=7, transform=transform, ha="right", va="bottom")
     elif low >= 1.0:
         axis.text(low, 0.99, "\u25c2 slower than real time", fontsize=7, transform=transform, ha="left", va="top")
     else:

@@ -192,7 +192,7 @@ def table(rows: Iterable[Row]) -> list[tuple[str, ...]]:
 
 def _cells(row: Row) -> tuple[str, ...]:
     low, middle, high = row.seconds
-    spread = "" if math.isnan(middle) else f"{1e3 * middle:.3g} ({1e3 * low:.3g}-{1e3 * high:.3g})"
+    spread = "" if math.isnan(middle) else f"{1e3 * middle:.4g} ({1e3 * low:.4g}-{1e3 * high:.4g})"
     error = "" if math.isnan(row.error) else f"{'' if row.resolved else '< '}{percent(row.error)}"
     return (
         str(row.settings.integrator),

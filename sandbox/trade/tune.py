@@ -36,6 +36,10 @@ _FINALISTS = 4
 """Settings that are timed in the end."""
 _BUDGET_USED = 0.8
 """Part of a picture's time that settings are made to fit: 95 of 100 pictures shall stay within all of it [1]."""
+_MOST_FITS = 6
+"""Timings of one line, to fit its step to a budget."""
+_ENOUGH = 0.8
+"""Step, over one that fits, down to which nothing is gained by taking it instead [1]."""
 _REFERENCE_SECONDS = 120.0
 """Estimated time on one core beyond which no finer level of the reference is run [s]."""
 
@@ -109,7 +113,7 @@ class Line:
         return wanted if wanted not in self.tried and worth else None
 
     def _between(self, within: float, beyond: float, error: float) -> float:
-        """Step between one that is good enough and one that is not, by the power of the step that joins their errors."""
+        """Step between one that is good enough and one that is not, by the power law that joins their errors."""
         low, high = self.tried[within], self.tried[beyond]
         if not (math.isfinite(high) and low > 0.0):
             return math.sqrt(within * beyond)
@@ -177,7 +181,7 @@ class _Search:
         """Try a step of every line named by its number, side by side; learn what steps cost."""
         study = self.study
         self._rounds += 1
-        study.progress(1.0 - 0.75**self._rounds, f"round {self._rounds}: {len(steps)} trials")
+        study.tell(1.0 - 0.75**self._rounds, f"round {self._rounds}: {len(steps)} trials")
         chosen = {number: self.lines[number].settings(dt) for number, dt in steps.items()}
         study.run(self.slots, chosen.values(), levels)
         for number, settings in chosen.items():
@@ -195,7 +199,7 @@ class _Search:
 
     def best(self, finalists: list[Settings], reference: Reference) -> list[Row]:
         """Rows of settings, timed with the machine alone."""
-        self.study.progress(1.0 - 0.75 ** (self._rounds + 1), f"timing {len(finalists)} finalists")
+        self.study.tell(1.0 - 0.75 ** (self._rounds + 1), f"timing {len(finalists)} finalists")
         self.study.time(self.timer, finalists)
         return [self.study.row(settings, reference) for settings in finalists]
 
@@ -264,7 +268,7 @@ def tune_budget(study: Study, slots: Sequence[Slot], timer: Slot, budget: float)
     fitting = [settings for line in search.lines if (settings := _fitted(study, timer, line, budget)) is not None]
     if not fitting:
         raise SandboxError(f"no settings simulate a picture within {1e3 * budget:.3g} ms and stay stable")
-    study.progress(0.5, f"errors of {len(fitting)} settings")
+    study.tell(0.5, f"errors of {len(fitting)} settings")
     study.run(slots, fitting, range(4))
     reference = study.refine(slots, lambda: _least_error(study, fitting), _REFERENCE_SECONDS)
     rows = [study.row(settings, reference) for settings in fitting]
@@ -284,25 +288,23 @@ def _fitted(study: Study, timer: Slot, line: Line, budget: float) -> Settings | 
     dt = line.first
     if line.seconds(dt) * line.frame > 4.0 * budget:
         return None  # far too dear, however far the estimate is off
-    settings = line.settings(dt)
-    for _ in range(4):
+    fitting: Settings | None = None
+    for _ in range(_MOST_FITS):
+        settings = line.settings(dt)
         study.time(timer, [settings])
         took = study.timings[settings].frame_quantile(0.95)
         if not took > 0.0:
-            return None
-        steps = max(1, math.floor(_BUDGET_USED * budget / took * round(line.frame / settings.dt)))
-        fits = took <= budget * (_BUDGET_USED + 0.1)
-        wanted = line.frame / steps
-        if wanted > line.longest * (1.0 + 1e-9):
-            if fits and settings.dt >= line.longest * (1.0 - 1e-9):
-                return settings
-            if settings.dt >= line.longest * (1.0 - 1e-9):
-                return None
-            wanted = line.longest
-        if fits and wanted > 0.8 * settings.dt:
-            return settings
-        settings = line.settings(wanted)
-    return None
+            break
+        if took <= (_BUDGET_USED + 0.1) * budget:
+            fitting = settings
+        steps = max(1, math.floor(_BUDGET_USED * budget / took * round(line.frame / dt)))
+        wanted = min(line.frame / steps, line.longest)
+        if fitting is settings and wanted > _ENOUGH * dt:
+            break
+        if wanted == dt or (fitting is not None and wanted >= fitting.dt):
+            break
+        dt = wanted
+    return fitting
 
 
 def _tuned(study: Study, rows: list[Row], reference: Reference) -> Tuned:

@@ -38,6 +38,11 @@ def test_by_default_every_scheme_has_its_longest_stable_step_and_none_is_dear(pr
         prospect = prospects.of(integrator)
         own_rungs = [rung for rung in rungs if rung.integrator is integrator]
         longest = max(rung.dt for rung in own_rungs)
+        assert all(max(r.dt for r in own_rungs if r.iterations == rung.iterations) == longest for rung in own_rungs)
+        if integrator is IntegratorName.EXPLICIT_EULER:
+            # Without damping its stable steps are tiny: one row shows that it diverges at the scene's own.
+            assert [rung.dt for rung in own_rungs] == [whole_steps(own.dt, 1 / 30)]
+            continue
         if math.isfinite(prospect.limit):
             assert longest <= prospect.limit
         for rung in own_rungs:

@@ -1,6 +1,8 @@
 """How a search proposes steps, on lines whose errors and times are formulas."""
 
+import json
 import math
+import tomllib
 
 import pytest
 
@@ -9,6 +11,15 @@ from sandbox.trade.ladder import Prospect, whole_steps
 from sandbox.trade.tune import Line, _proposals
 
 FRAME = 1.0 / 30.0
+CHAIN = """
+dimension = 2
+gravity = [0.0, -9.81]
+[[bodies]]
+name = "chain"
+shape = { kind = "rope", start = [0.0, 0.0], end = [1.0, 0.0], segments = 6 }
+material = { stiffness = 2000.0, damping = 0.2, mass = 1.0 }
+pin = { indices = [0] }
+"""
 
 
 def line(integrator: IntegratorName, limit: float, step_seconds: float = 1e-4) -> Line:
@@ -67,3 +78,50 @@ def test_what_would_take_longer_than_the_best_is_not_tried():
     assert set(_proposals([cheap, dear], 1e-2)) == {0, 1}
     cheap.tried[cheap.first] = 1e-3
     assert _proposals([cheap, dear], 1e-2) == {}
+
+
+@pytest.mark.slow
+def test_the_command_writes_settings_that_run_takes(tmp_path, run_cli, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "chain.toml").write_text(CHAIN)
+    choice = ("--schemes", "symplectic_euler,velocity_verlet", "--horizon", "0.3", "--workers", "1", "--quiet")
+    code, printed, errors = run_cli("tune", "chain.toml", "--error", "0.1%", "--write", "fast.toml", *choice)
+    assert (code, errors) == (0, "")
+    found = tomllib.loads(printed)["solver"]
+    assert tomllib.loads((tmp_path / "fast.toml").read_text())["solver"] == found
+    # Symplectic Euler would need 1/8 of the steps that are stable; Verlet, of second order, is far below 0.1 % there.
+    assert found["integrator"] == "velocity_verlet"
+    data = json.loads((tmp_path / "outputs/chain-tune/tune.json").read_text())
+    assert data["found"]["error"] + data["reference_bound"] <= 1e-3
+    assert data["trials"] < data["grid"]
+    out = ("--out", "out", "--renderer", "none", "--seconds", "0.1", "--quiet")
+    assert run_cli("run", "chain.toml", "--with", "fast.toml", *out) == (0, "", "")
+    assert json.loads((tmp_path / "out/summary.json").read_text())["integrator"] == "velocity_verlet"
+    # The same search again begins from its cached reference, and ends the same; a budget takes all of it for accuracy.
+    code, printed, errors = run_cli("tune", "chain.toml", "--budget", "20ms", *choice)
+    assert (code, errors) == (0, "")
+    data = json.loads((tmp_path / "outputs/chain-tune/tune.json").read_text())
+    assert data["found"]["integrator"] == "velocity_verlet"
+    assert data["found"]["dt"] < found["dt"]
+    assert 0.0 < data["found"]["frame_95"] <= 0.020
+
+
+@pytest.mark.parametrize(
+    "arguments, message",
+    [
+        ([], "tune: give either --error, such as 1%, or --budget, such as 16ms"),
+        (["--error", "1%", "--budget", "16ms"], "tune: give either --error, such as 1%, or --budget, such as 16ms"),
+        (["--error", "1ms"], "--error 1ms: must be a number with %, no unit"),
+        (["--error", "0%"], "--error 0%: must be > 0"),
+        (["--error", "nan"], "--error nan: must be > 0"),
+        (["--budget", "16"], "--budget 16: must be a number with ms, s, us"),
+        (["--budget", "-1ms"], "--budget -1ms: must be > 0"),
+    ],
+)
+def test_wrong_targets_are_one_line(arguments, message, run_cli, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, printed, errors = run_cli("tune", "rope", *arguments)
+    assert (code, printed) == (2, "")
+    assert message in errors and errors.count("\n") == 1
+    assert not (tmp_path / "outputs").exists()
