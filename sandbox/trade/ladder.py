@@ -17,7 +17,7 @@ LIMITED = (1.0, 0.5, 0.25, 0.125)
 """Steps of schemes with a limit, in what dt = "auto" would take [1]."""
 UNLIMITED = (4.0, 2.0, 1.0, 0.5, 0.25)
 """Steps of schemes without one, likewise [1]."""
-DEAREST = 8.0
+DEAREST = 6.0
 """Settings that are estimated to take so much longer than the scene's own are not tried by default [1]."""
 _FAR_TOO_DEAR = 3.0
 """Times DEAREST beyond which not even the longest step of a scheme is tried [1]."""
@@ -27,7 +27,7 @@ ITERATIONS = (4, 16)
 """Iterations of xpbd and sweeps of vbd a step."""
 # Nanoseconds of one core for each half-edge, and for a fifth of each particle: of one evaluation of all forces, of
 # a step of an implicit scheme with the iterations that it takes, of one iteration of xpbd or vbd.
-_EVALUATION, _IMPLICIT, _ITERATION, _PARTICLE = 3e-9, 100e-9, 5e-9, 5
+_EVALUATION, _IMPLICIT, _ITERATION, _PARTICLE = 3e-9, 100e-9, 8e-9, 5
 _CONTACT = 80e-9
 """Time of particle contact for each particle and step [s]."""
 _FRAME = 1.5e-3
@@ -112,7 +112,7 @@ def _step_seconds(assembly: Assembly, integrator: IntegratorName) -> float:
         case RungeKuttaScheme(stages=stages):
             return _EVALUATION * stages * work + contact
         case ConstraintScheme() | DescentScheme():
-            return _ITERATION * work + 0.1 * contact
+            return _ITERATION * work + contact
         case _:
             return _IMPLICIT * work + contact
 

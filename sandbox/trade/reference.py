@@ -2,7 +2,8 @@
 
 Level k takes 2^k times as many steps a picture as level 0. The bound of a level's error is what the last halving
 changed, and more where the error falls by less than half from level to level: d / (2^p - 1) for the order p that the
-last two differences show. Levels are kept on disk, under a name that changes with the scene and the engine.
+last two differences show, at every sample by itself. Levels are kept on disk, under a name that changes with the
+scene and the engine.
 """
 
 import contextlib
@@ -16,7 +17,7 @@ from platformdirs import user_cache_path
 from sandbox.scene.model import IntegratorName, Precision, Scene
 from sandbox.trade import norms
 from sandbox.trade.ladder import Prospects, whole_steps
-from sandbox.trade.norms import Scale
+from sandbox.trade.norms import FloatArray, Scale
 from sandbox.trade.record import Record
 from sandbox.trade.trial import Settings, Trial
 
@@ -24,6 +25,8 @@ STIFF = 100.0
 """The reference is of the implicit midpoint rule where it may step so much further than rk4 is stable at [1]."""
 _IMPLICIT_ACCURACY = 1e-4
 _LEAST_ORDER = 0.25
+"""Order below which halvings are taken to lead nowhere [1]."""
+_NOTHING = 1e-300
 _MOST_CACHE = 2e9
 """Size of all levels on disk beyond which the oldest go [bytes]."""
 
@@ -84,25 +87,25 @@ class Reference:
         finest = max(levels)
         numbers = sorted(level for level in levels if all(k in levels for k in range(level, finest)))
         over_time = [norms.errors_over_time(scale, levels[k], levels[k - 1]) for k in numbers[1:]]
-        agreed = norms.agreeing(over_time[-1])
-        differences = [norms.rms(errors[:agreed]) for errors in over_time]
+        bounds = _bounds(over_time)
+        agreed = norms.agreeing(bounds)
         return cls(
             record=levels[finest],
             settings=plan.settings(finest),
             level=finest,
             agreed=agreed,
-            bound=_bound(differences) if agreed else math.inf,
-            differences=tuple(differences),
+            bound=norms.rms(bounds[:agreed]) if agreed else math.inf,
+            differences=tuple(norms.rms(errors[:agreed]) for errors in over_time),
         )
 
 
-def _bound(differences: list[float]) -> float:
-    """Bound of the finest level's error from what each halving changed."""
+def _bounds(differences: list[FloatArray]) -> FloatArray:
+    """Bound of the finest level's error at every sample from what each halving changed there."""
     last = differences[-1]
-    if len(differences) == 1 or last == 0.0:
+    if len(differences) == 1:
         return last
-    order = max(math.log2(max(differences[-2], 1e-300) / last), _LEAST_ORDER)
-    return last * max(1.0, 1.0 / (math.pow(2.0, order) - 1.0))
+    order = np.log2(np.maximum(differences[-2], _NOTHING) / np.maximum(last, _NOTHING))
+    return last * np.maximum(1.0, 1.0 / (np.exp2(np.maximum(order, _LEAST_ORDER)) - 1.0))
 
 
 class Cache:

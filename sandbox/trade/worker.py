@@ -5,6 +5,7 @@ import time as clock
 from dataclasses import dataclass
 from enum import StrEnum
 
+from sandbox import runtime
 from sandbox.errors import DivergedError, SandboxError
 from sandbox.simulation import Simulation
 from sandbox.trade.record import Record, record
@@ -81,6 +82,8 @@ class _Held:
         """Let go of it."""
         if self.simulation is not None:
             self.simulation.close()
+            # Taichi's disk cache knows kernels by the numbers of their fields, which are those of other runs again now.
+            runtime.stop()
         self.simulation, self.group = None, ""
 
 
