@@ -58,7 +58,7 @@ def check_error(name: str, error: float, options: Options, folder: str) -> None:
     made = fresh.error(found.row.settings, found.reference)
     print(
         f"{name:10} {found.row.settings.label:34} {1e3 * time:7.4g} ms a second, error {percent(made)} "
-        f"+- {percent(found.reference.bound)} over {study.horizon:.2g} s; {found.trials} trials and {found.timed} timed "
+        f"+- {percent(found.reference.bound)} over {study.horizon:.2g} s; {found.trials} trials, {found.timed} timed, "
         f"of {len(grid)}; faster in the grid: {len(faster)}"
     )
     for settings in faster:
