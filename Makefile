@@ -24,6 +24,7 @@ bench: $(VENV)/.installed-dev
 	$(BIN)/python benchmarks/contact.py
 	$(BIN)/python benchmarks/parts.py
 	$(BIN)/python benchmarks/ladder.py
+	$(BIN)/python benchmarks/tune.py
 
 clean:
 	rm -rf $(VENV) outputs

@@ -32,8 +32,7 @@ class Simulation:
     arch : "cpu", "cuda", "vulkan" or "metal"
     precision : "f32" or "f64"; by default the scene's
     threads : CPU threads; by default all cores. The trajectory does not depend on it.
-    serial : one launch for all steps of a frame (True) or a parallel launch a step (False);
-        by default whichever is faster for the scene's size
+    serial : one launch for all steps of a frame, or a parallel one a step; by default what is faster for the size
     warns : whether a fixed step above the stability limit is warned of; it takes time to find that limit
 
     Raises SceneError where the scene cannot be built, RuntimeUnavailableError where ``arch`` is not there.
@@ -57,8 +56,8 @@ class Simulation:
         self.time = 0.0
         """Simulated time [s]."""
         self._settings = runtime.Settings(arch, precision or str(scene.solver.precision), threads, verbose)
-        work = self.assembly.particle_count + 2 * self.assembly.spring_count
-        self.serial = (arch == "cpu" and work <= serial_work(self.scheme)) if serial is None else serial
+        small = arch == "cpu" and self.assembly.work <= serial_work(self.scheme)
+        self.serial = small if serial is None else serial
         self._network = network_of(self.assembly)
         self._pipeline: Pipeline | None = None
         self._asleep = (self.assembly.positions, self.assembly.velocities, self.assembly.velocities)
@@ -69,7 +68,7 @@ class Simulation:
         check_start(self.assembly, self.precision)
         self._steps = StepSize(self.scheme, self.assembly, self._network, warns)
         self.dt = self._steps.chosen
-        """Longest step that is taken [s]; every call divides its time into equal steps of at most this."""
+        """Longest step [s]; every call divides its time into equal steps of at most this."""
         self._watch = EnergyWatch.of(self.assembly) if scene.solver.adapt is not None else None
         self.explains_failures = True
         """Whether a blow-up is looked into step by step; studies that provoke them have no time for that."""
@@ -100,8 +99,7 @@ class Simulation:
     def _advance_evenly(self, seconds: float) -> bool:
         """Simulate ``seconds`` [s] in equal steps. False where the step was changed on the way: there is time left."""
         steps, dt = self._divide(seconds)
-        between_checks = max(1, round(1.0 / (self.scene.render.fps * dt)))
-        start, longest = self.time, self.dt
+        between_checks, start, longest = max(1, round(1.0 / (self.scene.render.fps * dt))), self.time, self.dt
         for done in range(0, steps, between_checks):
             self._advance_checked(min(between_checks, steps - done), dt)
             self.time = start + min(done + between_checks, steps) * dt

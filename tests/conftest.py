@@ -1,5 +1,6 @@
 """Helpers that every test uses. Scenes are small and of few sizes: each new one compiles."""
 
+import signal
 import sys
 from typing import Any
 
@@ -60,6 +61,11 @@ def simulate():
     yield build
     for simulation in built:
         simulation.suspend()
+
+
+def heed_interrupts() -> None:
+    """In a child before it begins: shells have what they run in the background ignore SIGINT, and so would it."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def command_line(*arguments: object, monkeypatch, capsys) -> tuple[int, str, str]:

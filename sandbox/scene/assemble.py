@@ -84,6 +84,11 @@ class Assembly:
         return len(self.spring_set)
 
     @property
+    def work(self) -> int:
+        """Particles and half-edges: what a step goes over."""
+        return self.particle_count + 2 * self.spring_count
+
+    @property
     def springs(self) -> IntArray:
         """Pairs of particles, shape (S, 2)."""
         return self.spring_set.ends

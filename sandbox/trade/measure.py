@@ -10,7 +10,9 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 from sandbox.errors import DivergedError, SandboxError
-from sandbox.scene.model import Scene
+from sandbox.integrators.build import serial_work
+from sandbox.integrators.schemes import SCHEMES
+from sandbox.scene.model import IntegratorName, Scene
 from sandbox.trade import norms
 from sandbox.trade.crew import Failed, Job, Slot, open_crew, work_off
 from sandbox.trade.ladder import Choice, Prospects, ladder, run_seconds
@@ -157,7 +159,16 @@ class Study:
     def trial(self, settings: Settings) -> Trial:
         """The run of a setting."""
         cost = self.cost(settings, self.horizon)
-        return Trial(settings.applied_to(self.scene), self.frames, self.samples, self.options.arch, cost=cost)
+        threads = self.threads_of(settings.integrator)
+        return Trial(settings.applied_to(self.scene), self.frames, self.samples, self.options.arch, threads, cost)
+
+    def threads_of(self, integrator: IntegratorName) -> int | None:
+        """Threads of a run beside others.
+
+        Where steps are taken serially anyway they are as many as in timed runs, which then find all compiled.
+        """
+        is_serial = self.prospects.assembly.work <= serial_work(SCHEMES[integrator])
+        return self.options.threads if is_serial else 1
 
     # -- running --------------------------------------------------------------------------------------
 
@@ -165,7 +176,8 @@ class Study:
         """Run trials and levels of the reference that are not known yet, side by side."""
         jobs, meaning = [], {}
         for level in levels:
-            trial = self.plan.trial(level, self.frames, self.samples, self.options.arch)
+            threads = self.threads_of(self.plan.integrator)
+            trial = self.plan.trial(level, self.frames, self.samples, self.options.arch, threads)
             meaning[trial.key] = level, trial
             if (known := self.options.cache.load(trial)) is not None:
                 self.levels[level] = known

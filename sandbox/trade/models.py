@@ -188,7 +188,8 @@ class ModelStudy:
         """The run of a model."""
         cost = run_seconds(model.prospect, model.settings, self.study.horizon, model.scene.render.fps)
         scene = model.settings.applied_to(model.scene)
-        return Trial(scene, self.study.frames, self.study.samples, self.options.arch, cost=cost)
+        threads = self.study.threads_of(model.settings.integrator)
+        return Trial(scene, self.study.frames, self.study.samples, self.options.arch, threads, cost)
 
     def run(self, slots: Sequence[Slot]) -> Reference:
         """Run all models, and the reference until it tells the whole scene's own error."""

@@ -58,13 +58,13 @@ class Plan:
         """Those of a level."""
         return Settings(self.integrator, self.dt / 2**level, Precision.F64)
 
-    def trial(self, level: int, frames: int, samples: tuple[int, ...], arch: str) -> Trial:
+    def trial(self, level: int, frames: int, samples: tuple[int, ...], arch: str, threads: int | None = 1) -> Trial:
         """The run of a level."""
         scene = self.settings(level).applied_to(self.scene)
         if self.integrator is IntegratorName.IMPLICIT_MIDPOINT:
             solver = scene.solver.model_copy(update={"tolerance": 1e-10, "iterations": 50})
             scene = scene.model_copy(update={"solver": solver})
-        return Trial(scene, frames, samples, arch, cost=self.seconds * 2**level * frames / scene.render.fps)
+        return Trial(scene, frames, samples, arch, threads, self.seconds * 2**level * frames / scene.render.fps)
 
 
 @dataclass(frozen=True)

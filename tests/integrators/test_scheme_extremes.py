@@ -105,8 +105,8 @@ def test_a_scheme_at_the_corners_of_the_extremes_in_f32(simulate, integrator):
 
 
 @pytest.mark.filterwarnings("ignore::sandbox.step_size.StabilityWarning")
-@pytest.mark.parametrize("precision", ["f32", "f64"])
 @pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_a_scheme_at_the_corners_of_the_extremes_in_3d_with_a_floor(simulate, integrator, precision):
-    scene = box(integrator, 3, 2, precision, colliders=[FLOOR])
+def test_a_scheme_at_the_corners_of_the_extremes_in_3d_with_a_floor(simulate, integrator):
+    # In f64 where steps are solved for: that is where a floor was found to let energy grow.
+    scene = box(integrator, 3, 2, "f64" if integrator in BOUNDED else "f32", colliders=[FLOOR])
     endure(simulate(scene), integrator, CORNERS)

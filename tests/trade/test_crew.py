@@ -14,6 +14,7 @@ import pytest
 from sandbox.errors import SandboxError, SceneError
 from sandbox.trade import cluster, crew
 from sandbox.trade.crew import Failed, Job, open_crew, work_off
+from tests.conftest import heed_interrupts
 
 # -- what workers do here -------------------------------------------------------------------------------------
 
@@ -157,6 +158,7 @@ def test_workers_end_with_the_one_that_began_them(tmp_path, means):
         [sys.executable, str(tmp_path / "script.py"), *map(str, traces)],
         env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])},
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True,
+        preexec_fn=heed_interrupts,
     )  # fmt: skip
     wait_for(lambda: all(trace.exists() and trace.read_text() for trace in traces))
     workers = [int(trace.read_text()) for trace in traces]

@@ -20,6 +20,7 @@ from sandbox.output.contact_sheet import Grid, Panel, draw_sheet
 from sandbox.trade import crew
 from sandbox.trade import sweep as sweeping
 from sandbox.trade.combinations import parse_variation, short_names
+from tests.conftest import heed_interrupts
 
 SCENE = """
 title = "Square"
@@ -128,6 +129,7 @@ def test_an_interrupted_sweep_says_how_to_go_on(scene, tmp_path):
     begun = subprocess.Popen(
         [*command, "--seconds", "1e6", "--out", str(out), "--quiet"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True, text=True,
+        preexec_fn=heed_interrupts,
     )  # fmt: skip
     end = time.monotonic() + 60.0
     while len(list(out.glob("*/.partial-*"))) < 2 and time.monotonic() < end:
