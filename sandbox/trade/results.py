@@ -97,6 +97,7 @@ def tuned_data(name: str, target: Target, tuned: Tuned, horizon: float) -> dict[
         "name": name,
         **asdict(target),
         "horizon": horizon,
+        "predictable": tuned.predictable,
         "reference_bound": tuned.reference.bound,
         "trials": tuned.trials,
         "timed": tuned.timed,
@@ -107,14 +108,17 @@ def tuned_data(name: str, target: Target, tuned: Tuned, horizon: float) -> dict[
 
 
 def tuned_summary(tuned: Tuned, horizon: float) -> str:
-    """What was found, in two lines that TOML takes for comments."""
+    """What was found, in lines that TOML takes for comments."""
     row, bound = tuned.row, tuned.reference.bound
     low, middle, high = row.seconds
     error = percent(row.error) + (f" +- {percent(bound)}" if row.resolved else " at most")
+    beyond = ""
+    if tuned.predictable < 0.999 * horizon:
+        beyond = f"# chaotic after {tuned.predictable:.3g} of {horizon:.3g} s: no error is known from there on\n"
     return (
-        f"# over {horizon:.3g} s: error {error} of the body's size; {1e3 * middle:.3g} ms a simulated second "
+        f"# over {tuned.predictable:.3g} s: error {error} of the body's size; {1e3 * middle:.3g} ms a simulated second "
         f"({1e3 * low:.3g} to {1e3 * high:.3g}), 95 of 100 pictures within {1e3 * row.frame_95:.3g} ms, drawing apart\n"
-        f"# {tuned.trials} settings run and {tuned.timed} timed, of {tuned.grid} that a full grid has\n"
+        f"# {tuned.trials} settings run and {tuned.timed} timed, of {tuned.grid} that a full grid has\n{beyond}"
     )
 
 

@@ -34,6 +34,8 @@ _MOST_TRIALS = 7
 """Trials of one line."""
 _FINALISTS = 4
 """Settings that are timed in the end."""
+_TWINS = 2
+"""Of these, those that are tried in f64 too."""
 _BUDGET_USED = 0.8
 """Part of a picture's time that settings are made to fit: 95 of 100 pictures shall stay within all of it [1]."""
 _MOST_FITS = 6
@@ -147,6 +149,8 @@ class Tuned:
     row: Row
     """The settings, with their error and times."""
     reference: Reference
+    predictable: float
+    """Time over which trajectories are compared: errors are those of this time, and promise nothing beyond [s]."""
     others: tuple[Row, ...]
     """The other finalists."""
     trials: int
@@ -172,10 +176,11 @@ class _Search:
             for iterations in self.counts if prospect.iterates else (None,):
                 yield Line(prospect, precision, iterations, self.study.frame)
 
-    def add_double(self) -> None:
-        """Lines in f64 too."""
-        if self.study.scene.solver.precision is not Precision.F64:
-            self.lines += self._lines(Precision.F64)
+    def doubles(self) -> list[Line]:
+        """Lines in f64, where those of the scene are not."""
+        if self.study.scene.solver.precision is Precision.F64:
+            return []
+        return list(self._lines(Precision.F64))
 
     def run(self, steps: dict[int, float], levels: range = range(0)) -> None:
         """Try a step of every line named by its number, side by side; learn what steps cost."""
@@ -221,14 +226,22 @@ def tune_error(study: Study, slots: Sequence[Slot], timer: Slot, error: float) -
         search.judge(reference)
         steps = _proposals(search.lines, error)
         if not steps and not doubled and not any(line.met(error) for line in search.lines):
-            search.add_double()
+            search.lines += search.doubles()
             doubled, steps = True, _proposals(search.lines, error)
     within = [(line.seconds(dt), line.settings(dt)) for line in search.lines if (dt := line.met(error)) is not None]
     if not within:
         raise SandboxError(_missed(search, error))
     finalists = [settings for _, settings in sorted(within, key=lambda pair: pair[0])[:_FINALISTS]]
-    rows = sorted(search.best(finalists, reference), key=lambda row: row.seconds[1])
-    return _tuned(study, rows, reference)
+    finalists += _twins(finalists[:_TWINS])
+    study.run(slots, finalists)
+    finalists = [settings for settings in finalists if study.error(settings, reference) + reference.bound <= error]
+    rows = search.best(finalists, reference)
+    return _tuned(study, sorted(rows, key=lambda row: row.seconds[1]), reference)
+
+
+def _twins(finalists: Sequence[Settings]) -> list[Settings]:
+    """The same in f64: on a CPU that may well be the faster one, where volumes or contact are reckoned in it anyway."""
+    return [replace(settings, precision=Precision.F64) for settings in finalists if settings.precision is Precision.F32]
 
 
 def _proposals(lines: Sequence[Line], error: float) -> dict[int, float]:
@@ -265,17 +278,31 @@ def tune_budget(study: Study, slots: Sequence[Slot], timer: Slot, budget: float)
     Raises SandboxError where none does.
     """
     search = _Search(study, slots, timer, study.options.choice.iterations)
-    fitting = [settings for line in search.lines if (settings := _fitted(study, timer, line, budget)) is not None]
+    fitting = _all_fitted(study, timer, search.lines, budget)
     if not fitting:
         raise SandboxError(f"no settings simulate a picture within {1e3 * budget:.3g} ms and stay stable")
     study.tell(0.5, f"errors of {len(fitting)} settings")
     study.run(slots, fitting, range(4))
     reference = study.refine(slots, lambda: _least_error(study, fitting), _REFERENCE_SECONDS)
     rows = [study.row(settings, reference) for settings in fitting]
-    known = [row for row in rows if math.isfinite(row.error)]
+    known = sorted((row for row in rows if math.isfinite(row.error)), key=lambda row: (row.error, row.frame_95))
+    twins = [line for line in search.doubles() if any(_is_twin(line, row.settings) for row in known[:_TWINS])]
+    fitting = _all_fitted(study, timer, twins, budget)
+    study.run(slots, fitting)
+    known += [row for row in (study.row(settings, reference) for settings in fitting) if math.isfinite(row.error)]
     if not known:
         raise SandboxError(f"no settings that simulate a picture within {1e3 * budget:.3g} ms stay stable")
     return _tuned(study, sorted(known, key=lambda row: (row.error, row.frame_95)), reference)
+
+
+def _all_fitted(study: Study, timer: Slot, lines: Sequence[Line], budget: float) -> list[Settings]:
+    """The shortest steps within a budget [s] of all lines that have one."""
+    return [settings for line in lines if (settings := _fitted(study, timer, line, budget)) is not None]
+
+
+def _is_twin(line: Line, settings: Settings) -> bool:
+    """Whether a line is that of some settings but for the precision."""
+    return (line.prospect.integrator, line.iterations) == (settings.integrator, settings.iterations)
 
 
 def _least_error(study: Study, fitting: Sequence[Settings]) -> float:
@@ -312,6 +339,7 @@ def _tuned(study: Study, rows: list[Row], reference: Reference) -> Tuned:
     return Tuned(
         row=rows[0],
         reference=reference,
+        predictable=study.predictable_frames(reference) * study.frame,
         others=tuple(rows[1:]),
         trials=len(study.outcomes),
         timed=len(study.timings),
