@@ -278,7 +278,9 @@ def tune_budget(study: Study, slots: Sequence[Slot], timer: Slot, budget: float)
     Raises SandboxError where none does.
     """
     search = _Search(study, slots, timer, study.options.choice.iterations)
-    fitting = _all_fitted(study, timer, search.lines, budget)
+    # In both precisions: what does not fit in one of them may well fit in the other.
+    lines = [*search.lines, *search.doubles()]
+    fitting = [settings for line in lines if (settings := _fitted(study, timer, line, budget)) is not None]
     if not fitting:
         raise SandboxError(f"no settings simulate a picture within {1e3 * budget:.3g} ms and stay stable")
     study.tell(0.5, f"errors of {len(fitting)} settings")
@@ -286,23 +288,9 @@ def tune_budget(study: Study, slots: Sequence[Slot], timer: Slot, budget: float)
     reference = study.refine(slots, lambda: _least_error(study, fitting), _REFERENCE_SECONDS)
     rows = [study.row(settings, reference) for settings in fitting]
     known = sorted((row for row in rows if math.isfinite(row.error)), key=lambda row: (row.error, row.frame_95))
-    twins = [line for line in search.doubles() if any(_is_twin(line, row.settings) for row in known[:_TWINS])]
-    fitting = _all_fitted(study, timer, twins, budget)
-    study.run(slots, fitting)
-    known += [row for row in (study.row(settings, reference) for settings in fitting) if math.isfinite(row.error)]
     if not known:
         raise SandboxError(f"no settings that simulate a picture within {1e3 * budget:.3g} ms stay stable")
     return _tuned(study, sorted(known, key=lambda row: (row.error, row.frame_95)), reference)
-
-
-def _all_fitted(study: Study, timer: Slot, lines: Sequence[Line], budget: float) -> list[Settings]:
-    """The shortest steps within a budget [s] of all lines that have one."""
-    return [settings for line in lines if (settings := _fitted(study, timer, line, budget)) is not None]
-
-
-def _is_twin(line: Line, settings: Settings) -> bool:
-    """Whether a line is that of some settings but for the precision."""
-    return (line.prospect.integrator, line.iterations) == (settings.integrator, settings.iterations)
 
 
 def _least_error(study: Study, fitting: Sequence[Settings]) -> float:
