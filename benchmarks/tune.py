@@ -22,10 +22,10 @@ from sandbox.scene.model import Precision
 from sandbox.trade.crew import open_crew
 from sandbox.trade.ladder import Choice, ladder
 from sandbox.trade.measure import Options, Study
-from sandbox.trade.results import percent
 from sandbox.trade.store import Store
 from sandbox.trade.trial import Settings
 from sandbox.trade.tune import Tuned, tune_budget, tune_error
+from sandbox.trade.wording import percent
 
 SCENES = ("jelly", "balloon", "tower", "cloth")
 WORKERS = 2

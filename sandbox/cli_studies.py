@@ -13,6 +13,9 @@ from sandbox.errors import SandboxError, SceneError
 from sandbox.scene.model import IntegratorName, Precision
 
 SchemesOption = Annotated[str | None, typer.Option(metavar="NAME,NAME", help="Integrators to look at; all by default.")]
+IterationsOption = Annotated[
+    str | None, typer.Option(metavar="N,N", help="Iterations of xpbd and sweeps of vbd a step.")
+]
 HorizonOption = Annotated[
     float | None, typer.Option(help="Time that is looked at [s]; by default 1 s, or less where the scene is heavy.")
 ]
@@ -37,9 +40,7 @@ def measure(
     dts: Annotated[
         str | None, typer.Option(metavar="DT,DT", help="Steps of every integrator [s]; by default what fits each.")
     ] = None,
-    iterations: Annotated[
-        str | None, typer.Option(metavar="N,N", help="Iterations of xpbd and sweeps of vbd a step.")
-    ] = None,
+    iterations: IterationsOption = None,
     precisions: Annotated[
         str | None, typer.Option(metavar="NAME,NAME", help="f32, f64; by default the scene's, and a few in f64.")
     ] = None,
@@ -112,9 +113,7 @@ def tune(
     ] = None,
     write: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the settings there, as TOML.")] = None,
     schemes: SchemesOption = None,
-    iterations: Annotated[
-        str | None, typer.Option(metavar="N,N", help="Iterations of xpbd and sweeps of vbd a step.")
-    ] = None,
+    iterations: IterationsOption = None,
     horizon: HorizonOption = None,
     workers: WorkersOption = None,
     cluster: ClusterOption = None,

@@ -80,3 +80,17 @@ def command_line(*arguments: object, monkeypatch, capsys) -> tuple[int, str, str
 @pytest.fixture
 def run_cli(monkeypatch, capsys):
     return lambda *arguments: command_line(*arguments, monkeypatch=monkeypatch, capsys=capsys)
+
+
+@pytest.fixture
+def refuses(run_cli, monkeypatch, tmp_path):
+    """Check that a command is refused with one line that says ``message``, and leaves nothing behind."""
+
+    def check(message: str, *arguments: object) -> None:
+        monkeypatch.chdir(tmp_path)
+        code, printed, errors = run_cli(*arguments)
+        assert (code, printed) == (2, "")
+        assert message in errors and errors.count("\n") == 1
+        assert not (tmp_path / "outputs").exists()
+
+    return check

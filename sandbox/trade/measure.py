@@ -15,6 +15,7 @@ from sandbox.integrators.schemes import SCHEMES
 from sandbox.scene.model import IntegratorName, Scene
 from sandbox.trade import norms
 from sandbox.trade.crew import Failed, Job, Slot, open_crew, work_off
+from sandbox.trade.jobs import PASSES, RUN_MOST, outcome_of, run_job, timing_job, timing_of
 from sandbox.trade.ladder import Choice, Prospects, ladder, run_seconds
 from sandbox.trade.norms import STATISTICS, Scale, Statistics
 from sandbox.trade.progress import Progress
@@ -22,7 +23,7 @@ from sandbox.trade.record import Record
 from sandbox.trade.reference import Cache, Plan, Reference
 from sandbox.trade.store import Store
 from sandbox.trade.trial import Settings, Trial, even_samples
-from sandbox.trade.worker import Outcome, Status, Timing, run_trial, time_trial
+from sandbox.trade.worker import Outcome, Status, Timing
 
 HORIZON = 1.0
 """Longest time that is looked at by default [s]."""
@@ -37,12 +38,10 @@ _NEGLIGIBLE = 1e-9
 """Bound of the reference that is good enough for anything: f64 rounds not far below [1]."""
 _SMALLEST = 10.0
 """Smallest error that is told apart, in bounds of the reference's own [1]."""
-_ROW_MOST = 120.0
-"""Time after which a run counts as too slow, unless it was estimated to take a tenth of that and more [s]."""
+_BESIDE = 0.5
+"""About what a run takes beside its steps [s]."""
 _TIMING_MOST = 0.6
 """Time for which a setting is timed, more or less [s]."""
-_PASSES = 3
-"""Passes over the horizon within that time, if they fit."""
 
 
 @dataclass(frozen=True)
@@ -182,7 +181,7 @@ class Study:
             if (known := self.options.cache.load(trial)) is not None:
                 self.levels[level] = known
             elif level not in self.levels:
-                jobs.append(_job(trial))
+                jobs.append(run_job(trial, _BESIDE))
         owners: dict[str, Settings] = {}
         for settings in rungs:
             trial = self.trial(settings)
@@ -190,10 +189,10 @@ class Study:
             if (outcome := self.store.outcome(trial.key)) is not None:
                 self.outcomes[settings] = outcome
             elif settings not in self.outcomes:
-                jobs.append(_job(trial))
+                jobs.append(run_job(trial, _BESIDE))
 
         def done(job: Job, result: Outcome | Failed) -> None:
-            outcome = Outcome(Status.CRASHED, result.message) if isinstance(result, Failed) else result
+            outcome = outcome_of(result)
             if job.key in owners:
                 self.outcomes[owners[job.key]] = outcome
                 self.store.keep_outcome(job.key, outcome)
@@ -221,11 +220,10 @@ class Study:
             if (known := self.store.timing(trial.key)) is not None:
                 self.timings[settings] = known
             elif settings not in self.timings:
-                arguments = (trial, _PASSES, _TIMING_MOST)
-                jobs.append(Job(trial.key, trial.group, timing_cost(trial.cost), time_trial, arguments, _ROW_MOST))
+                jobs.append(timing_job(trial, _TIMING_MOST, timing_cost(trial.cost), RUN_MOST))
 
         def done(job: Job, result: Timing | Failed) -> None:
-            timing = Timing(message=result.message) if isinstance(result, Failed) else result
+            timing = timing_of(result)
             self.timings[owners[job.key]] = timing
             self.store.keep_timing(job.key, timing)
             self._advance(job, f"timing {owners[job.key].label}")
@@ -288,6 +286,12 @@ class Study:
             return math.nan
         return norms.rms(norms.errors_over_time(self.scale, outcome.record, reference.record)[: reference.agreed])
 
+    def smallest_error(self, rungs: Iterable[Settings]) -> float:
+        """Smallest position error of settings that have one, by the reference as it is now [1]; else infinity."""
+        reference = self.reference()
+        errors = [self.error(settings, reference) for settings in rungs]
+        return min((error for error in errors if error > 0.0), default=math.inf)
+
     def row(self, settings: Settings, reference: Reference) -> Row:
         """All that is known of a setting."""
         outcome, timing = self.outcomes[settings], self.timings.get(settings, Timing())
@@ -310,11 +314,14 @@ class Study:
         """Pictures over which trajectories are compared."""
         return self.samples[reference.agreed - 1] if reference.agreed else 0
 
+    def first_compared(self, reference: Reference) -> int:
+        """First picture of statistics: past the time that can be predicted, or 0 where all of it can."""
+        last = self.predictable_frames(reference)
+        return last if last < self.frames else 0
+
     def compare(self, record: Record, reference: Reference) -> Statistics:
         """Statistics past the time that can be predicted, or of the whole where all of it can."""
-        last = self.predictable_frames(reference)
-        first = last if last < self.frames else 0
-        return norms.compare(self.scale, record, reference.record, first, self.frame)
+        return norms.compare(self.scale, record, reference.record, self.first_compared(reference), self.frame)
 
     def trade(self, reference: Reference) -> Trade:
         """The study as it stands."""
@@ -348,7 +355,7 @@ def measure(scene: Scene, options: Options, store: Store, progress: Progress = l
     study.expect(errors + reference_seconds + timings)
     with open_crew(options.workers, options.cluster) as slots:
         study.run(slots, rungs, levels)
-        reference = study.refine(slots, lambda: _smallest_error(study), _REFERENCE_BUDGET)
+        reference = study.refine(slots, lambda: study.smallest_error(rungs), _REFERENCE_BUDGET)
     if options.times:
         with open_crew(1) as slots:
             study.time(slots[0], [s for s in rungs if study.outcomes[s].status is Status.DONE])
@@ -356,20 +363,9 @@ def measure(scene: Scene, options: Options, store: Store, progress: Progress = l
     return study.trade(reference)
 
 
-def _smallest_error(study: Study) -> float:
-    reference = study.reference()
-    errors = [study.error(settings, reference) for settings in study.rungs]
-    return min((error for error in errors if error > 0.0), default=math.inf)
-
-
-def _job(trial: Trial) -> Job:
-    most = max(_ROW_MOST, 10.0 * trial.cost)
-    return Job(trial.key, trial.group, trial.cost + 0.5, run_trial, (trial, most), most + 120.0)
-
-
 def timing_cost(run_cost: float) -> float:
     """About how long a trial is timed that runs for so long [s]."""
-    return min(_PASSES * run_cost, _TIMING_MOST) + 0.3
+    return min(PASSES * run_cost, _TIMING_MOST) + 0.3
 
 
 def with_pareto(rows: Sequence[Row]) -> list[Row]:

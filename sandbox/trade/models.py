@@ -7,7 +7,7 @@ dt = "auto" is looked up for each of them.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -19,15 +19,18 @@ from sandbox.scene.model import Scene
 from sandbox.trade import norms
 from sandbox.trade.correspondence import correspondence, mapped
 from sandbox.trade.crew import Failed, Job, Slot, open_crew, work_off
+from sandbox.trade.jobs import GRACE, RUN_MOST, outcome_of, run_job, timing_job, timing_of
 from sandbox.trade.ladder import Choice, Prospect, Prospects, run_seconds, whole_steps
 from sandbox.trade.measure import NOTHING, Options, Study
 from sandbox.trade.norms import Scale, Statistics
+from sandbox.trade.progress import Progress
 from sandbox.trade.record import Record
 from sandbox.trade.reference import Reference
 from sandbox.trade.store import Store
 from sandbox.trade.trial import Settings, Trial
 from sandbox.trade.variants import Change, Variant, find_variants, variants
-from sandbox.trade.worker import Outcome, Status, Timing, run_trial, time_trial
+from sandbox.trade.wording import milliseconds, percent
+from sandbox.trade.worker import Outcome, Status, Timing
 
 WHOLE = "whole scene"
 """Name of the row of the scene itself."""
@@ -38,14 +41,9 @@ _LEVELS = 3
 """Levels of the reference that are run from the start."""
 _REFERENCE_SECONDS = 40.0
 """Estimated time on one core beyond which no finer level is run [s]."""
-_RUN_MOST, _GRACE = 120.0, 120.0
-"""Time that any run may take, and what its process may take longer [s]."""
 _TIMING_MOST = 1.5
-_PASSES = 3
 _COMPILING = 4.0
 """About how long it takes to compile a scene [s]; every variant is another one."""
-
-Progress = Callable[[float, str], None]
 
 
 @dataclass(frozen=True)
@@ -210,14 +208,12 @@ class ModelStudy:
             if (known := self.store.outcome(trial.key)) is not None:
                 model.outcome = known
             else:
-                most = max(_RUN_MOST, 10.0 * trial.cost)
                 owners[trial.key] = model
-                cost = trial.cost + _COMPILING
-                jobs.append(Job(trial.key, trial.group, cost, run_trial, (trial, most), most + _GRACE))
+                jobs.append(run_job(trial, _COMPILING))
 
         def done(job: Job, result: Outcome | Failed) -> None:
             model = owners[job.key]
-            model.outcome = Outcome(Status.CRASHED, result.message) if isinstance(result, Failed) else result
+            model.outcome = outcome_of(result)
             self.store.keep_outcome(job.key, model.outcome)
             self._advance(f"{model.name}: {model.outcome.status}")
 
@@ -240,11 +236,10 @@ class ModelStudy:
                 model.timing = known
             elif model.outcome.record is not None:
                 owners[trial.key] = model
-                arguments = (trial, _PASSES, _TIMING_MOST)
-                jobs.append(Job(trial.key, trial.group, _COMPILING, time_trial, arguments, _RUN_MOST + _GRACE))
+                jobs.append(timing_job(trial, _TIMING_MOST, _COMPILING, RUN_MOST + GRACE))
 
         def done(job: Job, result: Timing | Failed) -> None:
-            timing = Timing(message=result.message) if isinstance(result, Failed) else result
+            timing = timing_of(result)
             owners[job.key].timing = timing
             self.store.keep_timing(job.key, timing)
             self._advance(f"timing {owners[job.key].name}")
@@ -272,8 +267,7 @@ class ModelStudy:
     def _compared(self, model: _Model, run: Record, reference: Reference) -> tuple[float, Statistics]:
         """Energy error, and statistics past the time that can be predicted or of the whole where all of it can."""
         seen = mapped(reference.record, run, model.weights)
-        last = self.study.predictable_frames(reference)
-        first = last if last < self.study.frames else 0
+        first, last = self.study.first_compared(reference), self.study.predictable_frames(reference)
         statistics = norms.compare(Scale.of(model.assembly), run, seen, first, self.study.frame)
         return norms.energy_error(run, seen, last), statistics
 
@@ -347,24 +341,18 @@ def table(trade: ModelTrade) -> list[tuple[str, ...]]:
 
 
 def _cells(row: ModelRow) -> tuple[str, ...]:
-    low, middle, high = row.seconds
     return (
         row.name,
         row.what,
-        "" if math.isnan(middle) else f"{1e3 * middle:.4g} ({1e3 * low:.4g}-{1e3 * high:.4g})",
+        milliseconds(row.seconds),
         "" if row.change is None or math.isnan(row.saved) else f"{100.0 * row.saved:+.0f} %",
         f"{1e3 * row.settings.dt:.4g}",
-        ("" if row.resolved or math.isnan(row.error) else "< ") + _percent(row.error),
-        _percent(row.energy_error),
-        _percent(row.statistics.centre),
-        _percent(row.statistics.shape),
+        ("" if row.resolved or math.isnan(row.error) else "< ") + percent(row.error),
+        percent(row.energy_error),
+        percent(row.statistics.centre),
+        percent(row.statistics.shape),
         "" if row.status is Status.DONE else str(row.status),
     )
-
-
-def _percent(part: float) -> str:
-    """A part of one, in percent; nothing where there is none."""
-    return "" if math.isnan(part) else f"{100.0 * part:.2g} %"
 
 
 __all__ = ["COLUMNS", "ModelRow", "ModelStudy", "ModelTrade", "Variant", "measure_models", "table", "variants"]

@@ -39,11 +39,6 @@ class _Line:
     def settings(self) -> Any:
         return self.rows[0].settings
 
-    @property
-    def label(self) -> str:
-        count = "" if self.settings.iterations is None else f" x{self.settings.iterations}"
-        return f"{self.settings.integrator}{count} {self.settings.precision}"
-
 
 def draw(trade: Trade, path: Path, title: str) -> None:
     """Write the picture (PNG, or whatever the path's suffix says)."""
@@ -89,7 +84,7 @@ def _draw_line(axis: Any, line: _Line) -> None:
     filled = line.settings.precision is Precision.F32
     axis.errorbar(
         x, y, xerr=spread, color=color, marker=marker, linestyle=line.dash, linewidth=1.2, markersize=5.5,
-        elinewidth=0.8, markerfacecolor=color if filled else "white", label=line.label,
+        elinewidth=0.8, markerfacecolor=color if filled else "white", label=line.settings.line,
     )  # fmt: skip
 
 

@@ -17,6 +17,7 @@ from sandbox.trade.models import ModelTrade, measure_models
 from sandbox.trade.progress import progress_bar
 from sandbox.trade.store import Store
 from sandbox.trade.tune import Target, Tuned, tune_budget, tune_error
+from sandbox.trade.wording import milliseconds, percent
 
 COLUMNS = ("integrator", "iterations", "precision", "dt [ms]", "error", "energy error", "ms/simulated s",
            "x real time", "")  # fmt: skip
@@ -195,8 +196,6 @@ def table(rows: Iterable[Row]) -> list[tuple[str, ...]]:
 
 
 def _cells(row: Row) -> tuple[str, ...]:
-    low, middle, high = row.seconds
-    spread = "" if math.isnan(middle) else f"{1e3 * middle:.4g} ({1e3 * low:.4g}-{1e3 * high:.4g})"
     error = "" if math.isnan(row.error) else f"{'' if row.resolved else '< '}{percent(row.error)}"
     return (
         str(row.settings.integrator),
@@ -204,16 +203,11 @@ def _cells(row: Row) -> tuple[str, ...]:
         str(row.settings.precision),
         f"{1e3 * row.settings.dt:.4g}",
         error,
-        "" if math.isnan(row.energy_error) else percent(row.energy_error),
-        spread,
-        "" if math.isnan(middle) else f"{row.real_time_factor:.3g}",
+        percent(row.energy_error),
+        milliseconds(row.seconds),
+        "" if math.isnan(row.real_time_factor) else f"{row.real_time_factor:.3g}",
         "Pareto" if row.pareto else "" if math.isfinite(row.error) else str(row.status),
     )
-
-
-def percent(part: float) -> str:
-    """A part of one, in percent."""
-    return f"{100.0 * part:.2g} %"
 
 
 def summary(trade: Trade | ModelTrade) -> str:

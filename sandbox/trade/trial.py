@@ -38,10 +38,15 @@ class Settings:
         )
 
     @property
+    def line(self) -> str:
+        """All but the step, in few words."""
+        count = "" if self.iterations is None else f" x{self.iterations}"
+        return f"{self.integrator}{count} {self.precision}"
+
+    @property
     def label(self) -> str:
         """In few words."""
-        count = "" if self.iterations is None else f" x{self.iterations}"
-        return f"{self.integrator}{count} {self.precision} {self.dt:.3g} s"
+        return f"{self.line} {self.dt:.3g} s"
 
     def fragment(self) -> str:
         """As TOML that any scene file takes."""

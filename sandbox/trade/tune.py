@@ -182,13 +182,13 @@ class _Search:
             return []
         return list(self._lines(Precision.F64))
 
-    def run(self, steps: dict[int, float], levels: range = range(0)) -> None:
+    def run(self, steps: dict[int, float]) -> None:
         """Try a step of every line named by its number, side by side; learn what steps cost."""
         study = self.study
         self._rounds += 1
         study.tell(1.0 - 0.75**self._rounds, f"round {self._rounds}: {len(steps)} trials")
         chosen = {number: self.lines[number].settings(dt) for number, dt in steps.items()}
-        study.run(self.slots, chosen.values(), levels)
+        study.run(self.slots, chosen.values())
         for number, settings in chosen.items():
             outcome = study.outcomes[settings]
             if outcome.record is not None and outcome.seconds > 0.0:
@@ -285,17 +285,12 @@ def tune_budget(study: Study, slots: Sequence[Slot], timer: Slot, budget: float)
         raise SandboxError(f"no settings simulate a picture within {1e3 * budget:.3g} ms and stay stable")
     study.tell(0.5, f"errors of {len(fitting)} settings")
     study.run(slots, fitting, range(4))
-    reference = study.refine(slots, lambda: _least_error(study, fitting), _REFERENCE_SECONDS)
+    reference = study.refine(slots, lambda: study.smallest_error(fitting), _REFERENCE_SECONDS)
     rows = [study.row(settings, reference) for settings in fitting]
     known = sorted((row for row in rows if math.isfinite(row.error)), key=lambda row: (row.error, row.frame_95))
     if not known:
         raise SandboxError(f"no settings that simulate a picture within {1e3 * budget:.3g} ms stay stable")
-    return _tuned(study, sorted(known, key=lambda row: (row.error, row.frame_95)), reference)
-
-
-def _least_error(study: Study, fitting: Sequence[Settings]) -> float:
-    reference = study.reference()
-    return min((e for settings in fitting if (e := study.error(settings, reference)) > 0.0), default=math.inf)
+    return _tuned(study, known, reference)
 
 
 def _fitted(study: Study, timer: Slot, line: Line, budget: float) -> Settings | None:

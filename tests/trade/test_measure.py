@@ -171,9 +171,5 @@ def test_a_blow_up_is_a_row(options, tmp_path):
         (["--with", "nowhere.toml"], "nowhere.toml: cannot be read"),
     ],
 )
-def test_wrong_options_are_one_line(arguments, message, run_cli, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    code, printed, errors = run_cli("measure", "rope", *arguments)
-    assert (code, printed) == (2, "")
-    assert message in errors and errors.count("\n") == 1
-    assert not (tmp_path / "outputs").exists()
+def test_wrong_options_are_one_line(arguments, message, refuses):
+    refuses(message, "measure", "rope", *arguments)
