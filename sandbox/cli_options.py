@@ -57,6 +57,20 @@ def scene_data(
     return data, {**overrides, **given}, name, options, path.parent
 
 
+def act_on(scene: Scene, file: Path, seconds: float | None) -> tuple[Scene, Any]:
+    """The scene with what a file does to it, and the header of that where it is a recording.
+
+    A recording lasts as long as it did, unless ``seconds`` says otherwise.
+    """
+    from sandbox.recording import read, with_actions
+
+    actions = read(file)
+    acted = with_actions(scene, actions, str(file))
+    if seconds is not None:
+        acted = acted.model_copy(update={"duration": seconds})
+    return acted, actions.recording
+
+
 def picture_size(text: str) -> list[int]:
     """WIDTHxHEIGHT as two numbers."""
     width, _, height = text.lower().partition("x")

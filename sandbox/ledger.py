@@ -15,10 +15,11 @@ FloatArray = NDArray[np.float64]
 
 TERMS = (
     "damping", "drag", "collision", "friction", "contact", "plastic", "tearing", "wind", "gas_flow", "drive",
+    "action",
 )  # fmt: skip
 """What energy may come from or go to: spring damping; drag; restitution and push of colliders; friction of any
 contact; restitution of particles among themselves; plastic flow; torn springs; wind; gas let in or out; whatever
-moves carried particles."""
+moves carried particles; hands, pushes, and whatever else is done to bodies."""
 
 
 RUBBED, ALONG, ACROSS, MOVED = 0, 1, 2, 3
@@ -55,6 +56,10 @@ class Ledger:
         work = np.empty((len(TERMS), self.count))
         self._read(work)
         return np.asarray(self._earlier + work.sum(axis=1))
+
+    def book(self, term: str, joules: float) -> None:
+        """Book work that is known as a whole [J], between steps."""
+        self._earlier[self.index(term)] += joules
 
     def clear(self) -> None:
         """Begin the books anew."""

@@ -20,5 +20,9 @@ class Parts:
     """Contact of particles with particles: one part or none."""
     tears: list[Any] = field(default_factory=list)
     """Marks of torn springs: one or none."""
+    grips: list[Any] = field(default_factory=list)
+    """Hands: one part or none; it is among the laws too."""
+    loads: list[Any] = field(default_factory=list)
+    """Pushes and shakes, likewise."""
     ledger: list[Any] = field(default_factory=list)
     """The energy ledger: one or none."""

@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sandbox import runtime, stability
+from sandbox.actions.grips import Grips
+from sandbox.actions.loads import Loads
 from sandbox.contact.colliders import build_colliders
 from sandbox.contact.moving import Carrier
 from sandbox.contact.neighbours import ContactSetup
@@ -50,12 +52,14 @@ class Pipeline:
     """Parts that upload numbers of the scene."""
 
     def reload(self, assembly: Assembly) -> None:
-        """Upload other masses, springs and start of the same bodies; what was compiled stays."""
+        """Upload other masses, springs and carried particles of the same bodies; state and compiled code stay."""
+        state = self.state.read()
         for law in self.parts.laws:
             if hasattr(law, "numbers"):
                 law.springs = assembly.spring_set.chosen(law.numbers)
         for part in self.loading:
             part.load(assembly)
+        self.state.write(*state)
 
     def memory(self) -> Memory:
         """What all parts remember."""
@@ -94,7 +98,7 @@ def build_pipeline(assembly: Assembly, scheme: Scheme, serial: bool, neighbours:
     predicts = scheme.predicts_velocity and _sees_velocity(assembly)
     state = ParticleState(builder, assembly, predicts, stage_slots(scheme))
     ledger = Ledger(builder, state.count, state.dimension) if scene.diagnostics.ledger else None
-    tears = Tears(builder, assembly.spring_count) if assembly.spring_set.tears else None
+    tears = Tears(builder, assembly.spring_count) if assembly.can_tear else None
     parts = Parts(tears=[] if tears is None else [tears], ledger=[] if ledger is None else [ledger])
     loads: list[Any] = [state]
     if scene.gravity is not None and any(scene.gravity):
@@ -108,6 +112,11 @@ def build_pipeline(assembly: Assembly, scheme: Scheme, serial: bool, neighbours:
     if scene.wind is not None and len(assembly.wind_faces.faces):
         parts.laws.append(WindForce(builder, assembly, state, tears, ledger))
         loads.append(parts.laws[-1])
+    if assembly.plan.grips:
+        parts.grips.append(Grips(builder, assembly.plan.grips, state))
+    if assembly.plan.loads:
+        parts.loads.append(Loads(builder, assembly.plan.pushes, assembly.plan.shakes, state))
+    parts.laws.extend([*parts.grips, *parts.loads])
     solids = build_colliders(builder, assembly, state)
     parts.colliders.extend(solids.solids)
     parts.movers.extend([] if solids.motions is None else [solids.motions])

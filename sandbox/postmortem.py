@@ -35,7 +35,9 @@ class Failure:
         rest = assembly.spring_set.rest_lengths
         with np.errstate(over="ignore"):
             stretch = np.abs(np.linalg.norm(positions[b] - positions[a], axis=1) - rest)
-        strain = np.divide(stretch, rest, out=np.zeros_like(rest), where=rest > 0.0)
+        # A spring that has been cut is as long as it likes.
+        joins = (rest > 0.0) & (assembly.spring_set.stiffness > 0.0)
+        strain = np.divide(stretch, rest, out=np.zeros_like(rest), where=joins)
         spring = int(strain.argmax())
         return cls(spring, float(strain[spring]), particle, float(speeds[particle]))
 

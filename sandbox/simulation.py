@@ -2,28 +2,30 @@
 
 import math
 import os
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sandbox import checkpoint, limits, runtime, stability
-from sandbox.diagnostics import Energy, Measurement
+from sandbox.acting import Acting
+from sandbox.diagnostics import Measurement
+from sandbox.divergence import first_bad_step
 from sandbox.errors import DivergedError, SceneError
 from sandbox.integrators.build import serial_work
 from sandbox.integrators.schemes import SCHEMES
+from sandbox.observed import Observed
 from sandbox.pipeline import MOST_NEIGHBOURS, Memory, Pipeline, build_pipeline, first_neighbours, network_of
-from sandbox.postmortem import Failure, describe
+from sandbox.postmortem import describe
 from sandbox.scene.assemble import Assembly, assemble
-from sandbox.scene.model import Scene
+from sandbox.scene.model import Scene, Solver
 from sandbox.start import check_memory, check_start
-from sandbox.state import ParticleState
 from sandbox.step_size import EnergyWatch, Rescue, StepSize
 
 FloatArray = NDArray[np.float64]
 
 
-class Simulation:
+class Simulation(Observed):
     """A running scene.
 
     Parameters
@@ -56,9 +58,11 @@ class Simulation:
         self.time = 0.0
         """Simulated time [s]."""
         self._settings = runtime.Settings(arch, precision or str(scene.solver.precision), threads, verbose)
-        small = arch == "cpu" and self.assembly.work <= serial_work(self.scheme)
-        self.serial = small if serial is None else serial
-        self._network = network_of(self.assembly)
+        self._wants_serial = serial
+        self.serial = self._is_serial()
+        self._network = network_of(self.assembly.unheld())
+        self.acting = Acting(self) if scene.actions or scene.interaction is not None else None
+        """What is done to the bodies; None in a scene where nothing is."""
         self._pipeline: Pipeline | None = None
         self._asleep = (self.assembly.positions, self.assembly.velocities, self.assembly.velocities)
         self._asleep_memory: Memory | None = None
@@ -70,6 +74,7 @@ class Simulation:
         self.dt = self._steps.chosen
         """Longest step [s]; every call divides its time into equal steps of at most this."""
         self._watch = EnergyWatch.of(self.assembly) if scene.solver.adapt is not None else None
+        self._first_solver = scene.solver
         self.explains_failures = True
         """Whether a blow-up is looked into step by step; studies that provoke them have no time for that."""
         self.rescues: list[Rescue] = []
@@ -85,12 +90,21 @@ class Simulation:
         """
         if not (math.isfinite(seconds) and seconds >= 0.0):
             raise SceneError(f"advance({seconds}): must be a time >= 0 in seconds")
-        if seconds == 0.0:
-            return
-        end = self.time + seconds
-        while not self._advance_evenly(end - self.time):
-            pass
-        self.time = end
+        if seconds > 0.0:
+            self.advance_to(self.time + seconds)
+
+    def advance_to(self, time: float) -> None:
+        """Simulate up to a time [s] that is not behind; like :meth:`advance`, which it ends for exactly there."""
+        if not (math.isfinite(time) and time >= self.time):
+            raise SceneError(f"advance_to({time}): must be a time from {self.time:g} s on")
+        while self.time < time:
+            until = time
+            if self.acting is not None:
+                self.acting.perform_due()
+                until = min(time, self.acting.next_time)
+            while not self._advance_evenly(until - self.time):
+                pass
+            self.time = until
 
     def step_frame(self) -> None:
         """Simulate the time of one picture, 1 / render.fps."""
@@ -155,54 +169,6 @@ class Simulation:
 
     # -- what a state is ----------------------------------------------------------------------------
 
-    @property
-    def particle_count(self) -> int:
-        """Number of particles of all bodies."""
-        return self.assembly.particle_count
-
-    @property
-    def spring_count(self) -> int:
-        """Number of springs of all bodies."""
-        return self.assembly.spring_count
-
-    @property
-    def precision(self) -> str:
-        """f32 or f64."""
-        return self._settings.precision
-
-    @property
-    def state(self) -> ParticleState:
-        """The fields themselves, for renderers and diagnostics; in the assembly's order."""
-        return self._wake().state
-
-    @property
-    def laws(self) -> list[Any]:
-        """Force laws of the scene, in the order of their sum."""
-        return self._wake().parts.laws
-
-    @property
-    def torn(self) -> Any:
-        """Field of marks, nonzero where a spring has torn, shape (spring_count,); None where none can."""
-        tears = self._wake().parts.tears
-        return tears[0].torn if tears else None
-
-    @property
-    def memory(self) -> Memory:
-        """What the scene's parts remember beyond positions and velocities, by name: for :meth:`set_state`."""
-        return self._wake().memory()
-
-    def positions(self) -> FloatArray:
-        """Particle positions [m], shape (particle_count, dimension), in the scene's order."""
-        return self.assembly.scene_order(self._read()[0])
-
-    def velocities(self) -> FloatArray:
-        """Particle velocities [m/s], shape (particle_count, dimension), in the scene's order."""
-        return self.assembly.scene_order(self._read()[1])
-
-    def force_velocities(self) -> FloatArray:
-        """Velocities that forces see [m/s], like :meth:`velocities`: these, or the scheme's prediction of them."""
-        return self.assembly.scene_order(self._read()[2])
-
     def set_state(
         self,
         positions: FloatArray,
@@ -226,7 +192,9 @@ class Simulation:
             arrays.append(self.assembly.internal_order(array))
         if memory is not None:
             check_memory(self._first_memory, memory)
-            self._wake().remember(memory)
+            self._recall(memory)
+        elif self.acting is not None and time is not None:
+            self.acting.actor.skip_to(time)
         self._wake().state.write(*arrays)
         self._measurement = None
         self.time = self.time if time is None else time
@@ -234,9 +202,11 @@ class Simulation:
 
     def restore(self) -> None:
         """Go back to the start of the scene, with everything compiled."""
+        if self.scene.solver != self._first_solver:
+            self.switch_solver(self._first_solver)
         pipeline = self._wake()
         pipeline.state.write(self.assembly.positions, self.assembly.velocities)
-        pipeline.remember(self._first_memory)
+        self._recall(self._first_memory)
         pipeline.set_time(0.0)
         self._measurement = None
         self.time = 0.0
@@ -248,26 +218,8 @@ class Simulation:
         pipeline = self._wake()
         pipeline.remember(self._first_memory)
         pipeline.reload(assembly)
-        self._first_memory = pipeline.memory()
+        self._first_memory = self.memory
         self.restore()
-
-    def measure(self) -> Measurement:
-        """Energies, momenta, largest strain, speed and penetration of the state now."""
-        if self._measurement is None:
-            self._measurement = self._wake().diagnostics.measure()
-        return self._measurement
-
-    def energy(self) -> Energy:
-        """Energies of the state now [J]: .kinetic .elastic .gravity .gas .total."""
-        return self.measure().energy
-
-    def momentum(self) -> FloatArray:
-        """Linear momentum [kg m/s], shape (dimension,)."""
-        return np.array(self.measure().momentum)
-
-    def angular_momentum(self) -> FloatArray:
-        """Angular momentum about the origin [kg m^2/s], shape (1,) in 2D, (3,) in 3D."""
-        return np.array(self.measure().angular_momentum)
 
     # -- stability ----------------------------------------------------------------------------------
 
@@ -282,11 +234,6 @@ class Simulation:
         network = network_of(self.assembly, memory)
         return limits.stable_step(self.scheme, network, self._read()[0], self.scene.duration)
 
-    def solver_report(self) -> dict[str, float]:
-        """What an iterating scheme says of its work since the pipeline was built; empty for explicit schemes."""
-        stepper = self._wake().stepper
-        return stepper.report() if hasattr(stepper, "report") else {}
-
     def _out_of_bounds(self, measurement: Measurement) -> bool:
         bounds = self.scene.diagnostics
         return not (
@@ -296,24 +243,10 @@ class Simulation:
         )
 
     def _diverged(self, steps: int, dt: float) -> DivergedError:
-        """Find the first bad step by taking the last steps again, one by one; leave the last good state."""
-        pipeline = self._wake()
-        pipeline.restore()
-        pipeline.alarm()  # that of the steps undone is no longer of interest
-        good, good_memory = pipeline.state.read(), pipeline.memory()
-        before, time = good[:2], self.time
-        for step in range(1, steps + 1):
-            pipeline.stepper.advance(1, dt, time)
-            time = self.time + step * dt
-            after = pipeline.state.read()[:2]
-            alarm = pipeline.alarm()
-            if self._out_of_bounds(pipeline.diagnostics.measure()) or alarm:
-                break
-            before = after
-        finite = bool(np.isfinite(after[0]).all() and np.isfinite(after[1]).all())
-        failure = Failure.of_state(self.assembly, *(after if finite else before))
-        pipeline.state.write(*good)
-        pipeline.remember(good_memory)
+        """What went wrong in the last steps; leaves the last good state."""
+        time, failure, finite, alarm = first_bad_step(
+            self._wake(), self.assembly, (self.time, steps, dt), self._out_of_bounds
+        )
         self._measurement = None
         stable = self.stable_dt()
         if alarm:
@@ -364,11 +297,59 @@ class Simulation:
             self.dt = saved.steps[0]
             self._steps.remember(saved.steps[1:])
 
+    def change(self, assembly: Assembly, memory: Memory) -> None:
+        """Go on with other masses, springs and carried particles of the same bodies, and what parts remember then."""
+        self.assembly = assembly
+        pipeline = self._wake()
+        remembered = pipeline.memory()
+        pipeline.reload(assembly)
+        pipeline.remember({name: memory.get(name, values) for name, values in remembered.items()})
+        pipeline.set_time(self.time)
+        self._measurement = None
+
+    def stiffened(self, factor: float) -> None:
+        """Have steps fit springs that are at most ``factor`` times as stiff as the scene's, or particles set free."""
+        self.dt = self._steps.for_stiffer(self.dt, factor)
+
+    def forget_measurement(self) -> None:
+        """Somebody has changed the state."""
+        self._measurement = None
+
+    def switch_solver(self, solver: Solver) -> None:
+        """Go on with another solver from here; everything is compiled for it."""
+        scene = self.scene.model_copy(update={"solver": solver})
+        self.suspend()
+        self.scene, self.scheme = scene, SCHEMES[solver.integrator]
+        self.assembly = replace(self.assembly, scene=self.assembly.scene.model_copy(update={"solver": solver}))
+        if self.acting is not None:
+            self.acting.actor.use(solver)
+        self.serial = self._is_serial()
+        self._steps = StepSize(self.scheme, self.assembly, self._network, warns=False)
+        self.dt = self._steps.chosen
+        # Schemes remember each their own.
+        known, self._asleep_memory = self._asleep_memory or {}, None
+        fresh = self._wake().memory()
+        self._asleep_memory = {name: known.get(name, values) for name, values in (known | fresh).items()}
+        self._recall(self._asleep_memory)
+        self._wake().set_time(self.time)
+        self._measurement = None
+
+    def _is_serial(self) -> bool:
+        small = self._settings.arch == "cpu" and self.assembly.work <= serial_work(self.scheme)
+        return small if self._wants_serial is None else self._wants_serial
+
+    def _recall(self, memory: Memory) -> None:
+        """Have the parts remember, and the scene be as actions left it then."""
+        pipeline = self._wake()
+        if self.acting is not None and self.acting.recall(memory):
+            pipeline.reload(self.assembly)
+        pipeline.remember(memory)
+
     def suspend(self) -> None:
         """Leave Taichi, keeping the state; the next use builds everything again."""
         if self._pipeline is not None:
             self._asleep = self._pipeline.state.read()
-            self._asleep_memory = self._pipeline.memory()
+            self._asleep_memory = self.memory
             self._pipeline = None
 
     def close(self) -> None:
@@ -392,10 +373,10 @@ class Simulation:
             runtime.start(**vars(self._settings))
             self._pipeline = build_pipeline(self.assembly, self.scheme, self.serial, self._neighbours)
             self._pipeline.state.write(*self._asleep)
-            if self._asleep_memory is None:
-                self._first_memory = self._pipeline.memory()
-            else:
-                self._pipeline.remember(self._asleep_memory)
-                self._pipeline.set_time(self.time)
             runtime.register(self)
+            if self._asleep_memory is None:
+                self._first_memory = self.memory
+            else:
+                self._recall(self._asleep_memory)
+                self._pipeline.set_time(self.time)
         return self._pipeline

@@ -60,7 +60,7 @@ class EnergyWatch:
         """The watch over a scene; None where something is driven."""
         scene = assembly.scene
         moved = any(getattr(collider, "motion", None) for collider in scene.colliders)
-        if scene.wind is not None or moved or any(gas.pumps for gas in assembly.gases):
+        if scene.wind is not None or moved or scene.actions or scene.interaction is not None:
             return None
         extent = float(np.ptp(assembly.positions, axis=0).max())
         weight = float(np.linalg.norm(scene.gravity or 0.0) * assembly.masses.sum())
@@ -122,6 +122,17 @@ class StepSize:
         wanted = min(self.solver.safety * self._limit(network(), positions()), LONGEST_AUTO_DT)
         if wanted < _SHORTER * dt or (torn and wanted > _LONGER * dt):
             self.chosen = wanted
+        return self.chosen
+
+    def for_stiffer(self, dt: float, factor: float) -> float:
+        """The step to go on with [s] after one of ``dt`` where springs are at most ``factor`` times as stiff as first.
+
+        No frequency grows by more than the root of that, with damping ratios as they were.
+        """
+        if self.solver.dt != "auto" or dt != self.chosen or not np.isfinite(self.limit):
+            return dt
+        fits = min(self.solver.safety * self.limit / max(1.0, factor) ** 0.5, LONGEST_AUTO_DT)
+        self.chosen = fits if self.seen == (0.0, 0.0) else min(self.chosen, fits)
         return self.chosen
 
     def begin_again(self, dt: float) -> float:

@@ -16,7 +16,7 @@ from sandbox.forces.face_fields import FaceFields
 from sandbox.forces.tears import Tears
 from sandbox.ledger import Ledger
 from sandbox.scene.assemble import Assembly
-from sandbox.scene.model import Gust, Vortex, Wind
+from sandbox.scene.model import Breeze, Gust, Vortex, Wind
 from sandbox.state import ParticleState, place
 
 FloatArray = NDArray[np.float64]
@@ -98,6 +98,8 @@ class WindForce:
         self.end = 0.0 if wind.end is None else wind.end
         self.begins = wind.start > 0.0 or wind.rise > 0.0
         self.ends = wind.end is not None
+        self.breezes = [action for action in assembly.scene.actions if isinstance(action, Breeze)]
+        self.breeze_velocity = [self.vector(list(breeze.velocity)) for breeze in self.breezes]
         self.waves = None if wind.gust is None else gust_waves(wind.gust, dimension, self.uniform)
         self.gusty = self.waves is not None
         self.vortices = wind.vortices
@@ -155,7 +157,19 @@ class WindForce:
             velocity += self._vortices_at(x)
         if ti.static(self.begins or self.ends):
             velocity *= self._strength_at(time)
+        for breeze in ti.static(range(len(self.breezes))):
+            velocity += self._breeze_at(breeze, time)
         return velocity
+
+    @ti.func
+    def _breeze_at(self, breeze: ti.template(), time):
+        """What one of the actions adds to the wind."""
+        start, end = ti.static(self.breezes[breeze].start, self.breezes[breeze].end)
+        strength = ti.select(time >= start and time < end, 1.0, 0.0)
+        rise = ti.static(self.breezes[breeze].rise)
+        if ti.static(rise > 0.0):
+            strength = self._smooth((time - start) / rise) * self._smooth((end - time) / rise)
+        return strength * self.breeze_velocity[breeze]
 
     @ti.func
     def _strength_at(self, time):

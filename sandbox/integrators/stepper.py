@@ -47,8 +47,8 @@ class Setup:
 
     @property
     def pinned(self) -> bool:
-        """Whether some particle is held or carried."""
-        return bool((self.assembly.inverse_masses == 0.0).any())
+        """Whether some particle is held or carried, or may come to be."""
+        return self.assembly.can_be_held
 
 
 @ti.data_oriented

@@ -47,19 +47,23 @@ class VertexBlockDescent(Stepper):
         self.sweeps = solver.iterations or SWEEPS
         self.prepares = bool(self.preparation.laws)
         self.descent = Descent(builder, state, setup.parts, self.drag)
-        self.lists = ColourLists.of(*_colours(assembly)).without(assembly.inverse_masses == 0.0)
+        self.holds = assembly.plan.holds
+        """Whether particles may be held later: who moves is then asked of every one."""
+        free = assembly.unheld()
+        self.lists = ColourLists.of(*_colours(free)).without(free.inverse_masses == 0.0)
         self.first = self.lists.first.tolist()
         self.member_count = len(self.lists.member)
         self.member = place(builder, ti.field(ti.i32), self.member_count)
         """Particles that move, colour by colour."""
-        moves = assembly.inverse_masses > 0.0
+        moves = free.inverse_masses > 0.0
         self.coupling = [
             Coupling(builder, state, law, np.where(moves, law.particle_gas, np.int32(-1)), self.descent)
             for law in self.laws
             if hasattr(law, "bulk")
         ]
         bodies = FreeBodies.of(assembly)
-        self.rigid = [RigidMotion(builder, state, bodies, self.descent, self.drag)] if len(bodies.mass) else []
+        rigid = len(bodies.mass) > 0 and not self.holds
+        self.rigid = [RigidMotion(builder, state, bodies, self.descent, self.drag)] if rigid else []
         self.meets_again = bool(self.colliders) and bool(self.coupling or self.rigid)
         """True where corrections may move a particle into a collider."""
         self.first_guess = FirstGuess(builder, state, self.laws)
@@ -241,11 +245,17 @@ class VertexBlockDescent(Stepper):
 
     @ti.func
     def relax(self, i, slot, dt, errand):
-        """One Newton step of particle i, or another errand."""
-        if ti.static(self.coupling):
-            self.coupling[0].relax(i, slot, dt, errand)
+        """One Newton step of particle i, or another errand; those that are held have none."""
+        if ti.static(not self.holds) or self.state.inverse_mass[i] > 0.0:
+            if ti.static(self.coupling):
+                self.coupling[0].relax(i, slot, dt, errand)
+            else:
+                self.descent.relax(i, slot, dt, errand)
         else:
-            self.descent.relax(i, slot, dt, errand)
+            self.descent.residual[i] = self.vector(0.0)
+            self.descent.impulse[i] = 0.0
+            for coupling in ti.static(self.coupling):
+                coupling.lean[i] = self.vector(0.0)
 
     @ti.func
     def accelerate(self, i, sweep, slot, dt):

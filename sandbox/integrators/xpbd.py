@@ -98,7 +98,7 @@ class Xpbd(Stepper):
 
     def run_serial(self, slot: int, steps: int, dt: float, time: float) -> None:
         """All steps in one launch."""
-        self._run_serial(slot, steps, *self.kick.factors(dt), dt, time)
+        self._run_serial(slot, steps, self.iterations, *self.kick.factors(dt), dt, time)
 
     def take_step(self, step: int, steps: int, slot: int, dt: float, time: float) -> None:
         """One step, a launch for every colour of every iteration."""
@@ -114,12 +114,14 @@ class Xpbd(Stepper):
         self._finish_parallel(slot, dt)
 
     @ti.kernel
-    def _run_serial(self, slot: int, steps: int, decay: float, gain: float, dt: float, time: float):
+    def _run_serial(
+        self, slot: int, steps: int, iterations: int, decay: float, gain: float, dt: float, time: float
+    ):
         ti.loop_config(serialize=True)
         for n in range(steps):
             start = self.slot_at(slot, n)
             self.begin(start, decay, gain, dt, time + n * dt)
-            for iteration in range(self.iterations):
+            for iteration in range(iterations):
                 for constraint in ti.static(self.constraints):
                     constraint.sweep_serial(start, 1 - start, dt, gain, iteration)
                 self.keep_out(start, dt)

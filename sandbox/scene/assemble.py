@@ -4,18 +4,20 @@ Particles of an assembly lie in an order that is good for memory; ``order`` lead
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sandbox.errors import SceneError
 from sandbox.scene import attachments, surfaces
+from sandbox.scene.action_plan import ActionPlan, check_indices, led_frames, parking, with_tools
 from sandbox.scene.appearance import Appearance
 from sandbox.scene.attachments import Carried
 from sandbox.scene.lattice import FloatArray, IntArray
 from sandbox.scene.look import build_appearance
 from sandbox.scene.model import Body, Bracing, Collider, Custom, Material, Scene
+from sandbox.scene.motion import Motion
 from sandbox.scene.ordering import locality_order
 from sandbox.scene.placement import rotation_matrix, spin
 from sandbox.scene.selection import selected
@@ -37,6 +39,18 @@ class ContactPair:
 
     restitution: float
     friction: float
+
+
+@dataclass(frozen=True)
+class Home:
+    """Where particles would start if all bodies were there from the start; internal order."""
+
+    positions: FloatArray
+    """[m], shape (N, d)."""
+    velocities: FloatArray
+    """[m/s], shape (N, d)."""
+    pinned: NDArray[np.bool_]
+    """True where particles do not move by themselves, shape (N,)."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +78,9 @@ class Assembly:
     families: IntArray
     """Family of every body, the same for bodies that attachments hold together, shape (B,)."""
     carried: Carried
-    """Particles that colliders carry."""
+    """Particles that colliders and frames carry."""
+    frames: tuple[Motion, ...]
+    """Motions of what is no collider, numbered after the colliders."""
     gas_faces: FaceSet
     """Faces of all bodies with gas, body after body."""
     gases: tuple[Gas, ...]
@@ -74,6 +90,10 @@ class Assembly:
     contacts: tuple[tuple[ContactPair, ...], ...]
     """One row a collider, one entry a body."""
     appearance: Appearance
+    plan: ActionPlan
+    """Room for what is done to the bodies."""
+    home: "Home"
+    """Where bodies are that enter later."""
 
     @property
     def particle_count(self) -> int:
@@ -87,6 +107,23 @@ class Assembly:
     def work(self) -> int:
         """Particles and half-edges: what a step goes over."""
         return self.particle_count + 2 * self.spring_count
+
+    @property
+    def can_tear(self) -> bool:
+        """Whether springs may tear or be cut."""
+        return (self.spring_set.tears or self.plan.cuts) and self.spring_count > 0
+
+    @property
+    def can_be_held(self) -> bool:
+        """Whether some particle is held or carried, or may come to be."""
+        return self.plan.holds or bool((self.inverse_masses == 0.0).any())
+
+    def unheld(self) -> "Assembly":
+        """The same with all particles free that may ever be: what the stability limit must reckon with."""
+        if not self.plan.holds:
+            return self
+        never = self.home.pinned & ~np.isin(self.particle_body, self.plan.entering)
+        return replace(self, inverse_masses=np.where(never, 0.0, 1.0 / self.masses))
 
     @property
     def springs(self) -> IntArray:
@@ -117,8 +154,11 @@ class Assembly:
 
 def assemble(scene: Scene) -> Assembly:
     """The numbers of a scene. Raises SceneError where its parts do not fit together."""
+    plan = ActionPlan.of(scene)
+    scene = with_tools(scene)
     parts = [_Part.build(index, body, scene) for index, body in enumerate(scene.bodies)]
     first = np.cumsum([0] + [len(part.masses) for part in parts])
+    check_indices(scene, [len(part.masses) for part in parts])
     positions = np.concatenate([part.positions for part in parts])
     particle_body = np.repeat(np.arange(len(parts), dtype=np.int32), np.diff(first))
     own = [
@@ -131,24 +171,28 @@ def assemble(scene: Scene) -> Assembly:
     pinned[held.pinned] = True
     velocities = np.concatenate([part.velocities for part in parts])
     velocities[pinned] = 0.0
+    frames, led = led_frames(scene, positions, pinned & ~np.isin(np.arange(len(masses)), held.pinned), particle_body)
     order = locality_order(positions, particle_body, springs.ends)
     internal = np.empty_like(order)
     internal[order] = np.arange(len(order))
     springs = springs.renumbered(internal)
+    home = Home(positions[order], velocities[order], pinned[order])
+    absent = np.isin(particle_body, plan.entering)[order]
     faces = [internal[part.faces + offset].astype(np.int32) for part, offset in zip(parts, first, strict=False)]
     return Assembly(
         scene=scene,
         dimension=scene.dimension,
         order=order,
-        positions=positions[order],
-        velocities=velocities[order],
+        positions=home.positions + parking(scene, home.positions, particle_body[order], plan.entering),
+        velocities=np.where(absent[:, None], 0.0, home.velocities),
         masses=masses[order],
-        inverse_masses=np.where(pinned, 0.0, 1.0 / masses)[order],
+        inverse_masses=np.where(home.pinned | absent, 0.0, 1.0 / masses[order]),
         radii=np.array([body.radius for body in scene.bodies])[particle_body][order],
         particle_body=particle_body[order],
         spring_set=springs,
         families=held.families,
-        carried=held.carried.renumbered(internal),
+        carried=held.carried.and_also(led).renumbered(internal),
+        frames=frames,
         gas_faces=_faces_of(parts, faces, springs, scene, lambda part: part.body.pressure is not None),
         gases=tuple(
             surfaces.gas_of(index, part.body, part.faces, part.positions, scene.actions)
@@ -157,7 +201,11 @@ def assemble(scene: Scene) -> Assembly:
         ),
         wind_faces=_faces_of(parts, faces, springs, scene, lambda part: scene.wind is not None and part.feels_wind),
         contacts=tuple(tuple(_combine(c, part.body.material) for part in parts) for c in scene.colliders),
-        appearance=build_appearance(scene, [part.geometry for part in parts], positions, internal, springs),
+        appearance=build_appearance(
+            scene, [part.geometry for part in parts], positions, internal, springs, springs.tears or plan.cuts
+        ),
+        plan=plan,
+        home=home,
     )
 
 

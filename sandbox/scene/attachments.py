@@ -32,6 +32,11 @@ class Carried:
         """The same with particles by new numbers, shape (N,)."""
         return replace(self, particles=internal[self.particles].astype(np.int32))
 
+    def and_also(self, other: "Carried") -> "Carried":
+        """These, and others."""
+        names = ("particles", "collider", "local")
+        return Carried(*(np.concatenate([getattr(self, name), getattr(other, name)]) for name in names))
+
 
 @dataclass(frozen=True)
 class Held:

@@ -16,7 +16,8 @@ from pydantic import BaseModel, ValidationError
 
 from sandbox.errors import SceneError
 from sandbox.scene import model
-from sandbox.scene.model import MOST_PARTICLES, Scene
+from sandbox.scene.action_checks import action_problems
+from sandbox.scene.model import MOST_PARTICLES, Action, Scene
 
 _INDEX = re.compile(r"\[(\d+)\]")
 _PACKAGE = Path(__file__).resolve().parent.parent
@@ -113,7 +114,7 @@ def scene_from_data(
         scene = Scene.model_validate(raw)
     except ValidationError as error:
         raise SceneError(
-            _describe(error, raw, source, {key: (options or {}).get(key) for key in overrides or ()})
+            describe(error, raw, source, {key: (options or {}).get(key) for key in overrides or ()})
         ) from None
     except RecursionError:
         raise SceneError(f"{source}: is nested too deeply") from None
@@ -184,7 +185,8 @@ def _override(data: dict[str, Any], key: str, value: Any) -> None:
             node = node[entry]
 
 
-def _describe(error: ValidationError, data: Any, source: str, overridden: Mapping[str, str | None]) -> str:
+def describe(error: ValidationError, data: Any, source: str, overridden: Mapping[str, str | None]) -> str:
+    """One line for what pydantic found: where, what, what was there. ``overridden`` maps keys to their options."""
     errors = error.errors(include_url=False)
     first = errors[0]
     # A list with a wrong entry is called too short as well.
@@ -250,6 +252,12 @@ def _known_keys() -> list[str]:
         if isinstance(part, type) and issubclass(part, BaseModel):
             keys.update(field.alias or name for name, field in part.model_fields.items())
     return sorted(keys)
+
+
+def check_action(scene: Scene, action: Action) -> None:
+    """Raises SceneError where an action does not fit a scene."""
+    for where, problem in _dimension_problems(scene.model_copy(update={"actions": (action,)})):
+        raise SceneError(f"{where.replace('actions[0]', 'action')}: {problem}")
 
 
 def check_dimensions(scene: Scene, source: str) -> None:
@@ -327,15 +335,12 @@ def _name_problems(scene: Scene) -> Iterable[tuple[str, str]]:
         if name in taken:
             yield where, f"{name!r} is the name of an earlier body or collider too"
         taken.add(name)
-    gas = {body.name for body in scene.bodies if body.pressure is not None}
-    for index, action in enumerate(scene.actions):
-        if action.body not in gas:
-            yield f"actions[{index}].body", f"there is no body {action.body!r} with pressure"
+    yield from action_problems(scene)
 
 
 _VECTOR_KEYS = {
     "gravity", "position", "velocity", "point", "normal", "size", "start", "end", "eye", "target", "min", "max",
-    "center", "axis",
+    "center", "axis", "force", "impulse", "amplitude", "direction", "edge_start", "edge_end", "sweep",
 }  # fmt: skip
 
 

@@ -1,11 +1,12 @@
 """Where a moving collider is: keyframes of position and rotation, interpolated. NumPy only."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sandbox.scene.model import Collider, HalfSpace, Interpolation
+from sandbox.scene.model import Collider, HalfSpace, Interpolation, Keyframe, Rotation
 from sandbox.scene.placement import rotation_matrix
 
 FloatArray = NDArray[np.float64]
@@ -55,16 +56,22 @@ def motion_of(collider: Collider, dimension: int) -> Motion | None:
     """The motion of a collider; None where it stands still."""
     if not collider.motion:
         return None
-    position = origin(collider, dimension)
-    angle_count = 1 if dimension == 2 else 3
-    angles = np.broadcast_to(np.asarray(getattr(collider, "rotation", 0.0), dtype=float), angle_count)
+    rotation = getattr(collider, "rotation", 0.0)
+    return motion_along(
+        collider.motion, origin(collider, dimension), rotation, collider.interpolation is Interpolation.SMOOTH
+    )
+
+
+def motion_along(keyframes: Sequence[Keyframe], position: FloatArray, rotation: Rotation, smooth: bool) -> Motion:
+    """The motion through keyframes of what is at a place [m], shape (d,), turned by angles [degrees], without them."""
+    angle_count = 1 if len(position) == 2 else 3
+    angles = np.broadcast_to(np.asarray(rotation, dtype=float), angle_count)
     positions, turns = [], []
-    for keyframe in collider.motion:
+    for keyframe in keyframes:
         if keyframe.position is not None:
             position = np.asarray(keyframe.position, dtype=float)
         if keyframe.rotation is not None:
             angles = np.broadcast_to(np.asarray(keyframe.rotation, dtype=float), angle_count)
         positions.append(position)
         turns.append(angles)
-    times = np.array([keyframe.time for keyframe in collider.motion])
-    return Motion(times, np.array(positions), np.array(turns), collider.interpolation is Interpolation.SMOOTH)
+    return Motion(np.array([keyframe.time for keyframe in keyframes]), np.array(positions), np.array(turns), smooth)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from sandbox.errors import SceneError
 from sandbox.scene import mesh_file
 from sandbox.scene.lattice import FloatArray, IntArray
-from sandbox.scene.model import Body, Pressure, Pump
+from sandbox.scene.model import Action, Body, Pressure, Pump
 from sandbox.scene.topology import directed_edges, pair_keys
 
 GAS_CONSTANT = 8.314462618
@@ -69,11 +69,15 @@ def is_closed(faces: IntArray) -> bool:
 def edge_springs(faces: IntArray, springs: IntArray) -> IntArray:
     """Spring along each edge of faces (F, 3), or of edges (F, 2), or -1; shape (F, 3) or (F, 1)."""
     width = 1 if faces.shape[1] == 2 else 3
-    result = np.full((len(faces), width), -1, dtype=np.int32)
-    if len(faces) == 0 or len(springs) == 0:
+    return pair_springs(faces if width == 1 else directed_edges(faces), springs).reshape(-1, width)
+
+
+def pair_springs(pairs: NDArray[np.int32] | NDArray[np.int64], springs: IntArray) -> IntArray:
+    """Spring between the particles of every pair, (P, 2), or -1; the first of several; shape (P,)."""
+    result = np.full(len(pairs), -1, dtype=np.int32)
+    if len(pairs) == 0 or len(springs) == 0:
         return result
-    wanted = pair_keys(faces if width == 1 else directed_edges(faces)).reshape(-1, width)
-    key = pair_keys(springs)
+    wanted, key = pair_keys(pairs), pair_keys(springs)
     order = np.argsort(key, kind="stable")
     place = np.minimum(np.searchsorted(key[order], wanted), len(key) - 1)
     found = key[order[place]] == wanted
@@ -81,7 +85,7 @@ def edge_springs(faces: IntArray, springs: IntArray) -> IntArray:
     return result
 
 
-def gas_of(index: int, body: Body, faces: IntArray, positions: FloatArray, actions: Sequence[Pump]) -> Gas:
+def gas_of(index: int, body: Body, faces: IntArray, positions: FloatArray, actions: Sequence[Action]) -> Gas:
     """The gas of a body with ``pressure``. Raises SceneError where the body is not closed."""
     where = f"bodies[{index}].pressure"
     pressure = body.pressure
@@ -95,7 +99,7 @@ def gas_of(index: int, body: Body, faces: IntArray, positions: FloatArray, actio
     if amount is None:
         assert pressure.gauge_pressure is not None
         amount = (pressure.ambient + pressure.gauge_pressure) * volume / (GAS_CONSTANT * pressure.temperature)
-    pumps = tuple((a.start, a.end, a.amount) for a in actions if a.body == body.name)
+    pumps = tuple((a.start, a.end, a.amount) for a in actions if isinstance(a, Pump) and a.body == body.name)
     return Gas(index, body.name, amount, pressure.temperature, pressure.ambient, pressure.leak, volume, pumps)
 
 

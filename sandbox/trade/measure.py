@@ -28,7 +28,7 @@ from sandbox.trade.worker import Outcome, Status, Timing
 HORIZON = 1.0
 """Longest time that is looked at by default [s]."""
 _FEWEST_FRAMES = 6
-_BUDGET = 60.0
+_BUDGET = 40.0
 """Estimated time on one core that a study takes by default [s]: a heavy scene is looked at for a shorter time."""
 _LEVELS = 4
 """Levels of the reference that are run in any case."""

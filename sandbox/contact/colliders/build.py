@@ -51,7 +51,7 @@ class Colliders:
 
 def build_colliders(builder: ti.FieldsBuilder, assembly: Assembly, state: ParticleState) -> Colliders:
     """The colliders of a scene. Raises SceneError where a mesh is no solid."""
-    if not assembly.colliders:
+    if not assembly.colliders and not assembly.frames:
         return Colliders()
     try:
         return _build(builder, assembly, state)
@@ -68,6 +68,7 @@ def _build(builder: ti.FieldsBuilder, assembly: Assembly, state: ParticleState) 
     groups = _groups(assembly, moving)
     # Rows in the order of the groups: each finds its own one after the other.
     rows = {index: moving[index] for group in groups for index in group if index in moving}
+    rows |= {len(assembly.colliders) + number: motion for number, motion in enumerate(assembly.frames)}
     motions = Motions(builder, rows) if rows else None
     built = Colliders(parts=[radius], motions=motions)
     for group in groups:

@@ -4,6 +4,26 @@ What a scene does not give is not modelled. Unknown keys are errors. Nothing her
 :mod:`sandbox.scene.assemble` turns a scene into numbers.
 """
 
+from sandbox.scene.model.actions import (
+    Action,
+    Breeze,
+    Choice,
+    Cut,
+    Grab,
+    Hold,
+    Move,
+    PinDown,
+    Poke,
+    Pump,
+    Push,
+    Shake,
+    Soften,
+    Spawn,
+    Stiffen,
+    Switch,
+    Unpin,
+    Waypoint,
+)
 from sandbox.scene.model.base import (
     BEND_HELP,
     MOST_PARTICLES,
@@ -38,7 +58,7 @@ from sandbox.scene.model.colliders import (
     SphereCollider,
 )
 from sandbox.scene.model.render import Camera, ColorBy, Render
-from sandbox.scene.model.scene import Diagnostics, IntegratorName, Precision, Scene, Solver
+from sandbox.scene.model.scene import Diagnostics, Interaction, Scene
 from sandbox.scene.model.shapes import (
     Ball,
     Box,
@@ -54,7 +74,8 @@ from sandbox.scene.model.shapes import (
     Shell,
     Tower,
 )
-from sandbox.scene.model.surroundings import Action, Contact, Gust, Pump, Vortex, Wind
+from sandbox.scene.model.solver import IntegratorName, Precision, Solver
+from sandbox.scene.model.surroundings import Contact, Gust, Vortex, Wind
 
 __all__ = [
     "BEND_HELP",
@@ -67,39 +88,49 @@ __all__ = [
     "Box",
     "BoxCollider",
     "Bracing",
+    "Breeze",
     "Camera",
     "CapsuleCollider",
     "Cells",
+    "Choice",
     "Collider",
     "Color",
     "ColorBy",
     "Contact",
     "Custom",
+    "Cut",
     "Diagnostics",
     "Direction",
     "Fill",
     "Flag",
     "Fraction",
+    "Grab",
     "Gust",
     "HalfSpace",
+    "Hold",
     "Index",
     "Integer",
     "IntegratorName",
+    "Interaction",
     "Interpolation",
     "Keyframe",
     "Material",
     "Mesh",
     "MeshCollider",
     "Model",
+    "Move",
     "NonNegative",
     "Outline",
     "Pin",
+    "PinDown",
+    "Poke",
     "Polygon",
     "PolygonCollider",
     "Positive",
     "Precision",
     "Pressure",
     "Pump",
+    "Push",
     "Real",
     "Region",
     "Render",
@@ -107,15 +138,22 @@ __all__ = [
     "Rope",
     "Rotation",
     "Scene",
+    "Shake",
     "Shape",
     "Sheet",
     "Shell",
     "Size",
+    "Soften",
     "Solid",
     "Solver",
+    "Spawn",
     "SphereCollider",
+    "Stiffen",
+    "Switch",
     "Tower",
+    "Unpin",
     "Vector",
     "Vortex",
+    "Waypoint",
     "Wind",
 ]

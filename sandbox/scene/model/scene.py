@@ -1,77 +1,16 @@
 """The scene itself, how it is solved and what is looked at."""
 
-from enum import StrEnum
-from typing import Annotated, Literal
+from typing import Literal
 
 from pydantic import Field
 
-from sandbox.scene.model.base import Flag, Model, NonNegative, Positive, Real, Vector
+from sandbox.scene.model.actions import Action
+from sandbox.scene.model.base import Flag, Index, Model, NonNegative, Positive, Vector
 from sandbox.scene.model.bodies import Attachment, Body
 from sandbox.scene.model.colliders import Collider
 from sandbox.scene.model.render import Render
-from sandbox.scene.model.surroundings import Action, Contact, Wind
-
-
-class IntegratorName(StrEnum):
-    """Time integration schemes, by the field's names."""
-
-    EXPLICIT_EULER = "explicit_euler"
-    SYMPLECTIC_EULER = "symplectic_euler"
-    VELOCITY_VERLET = "velocity_verlet"
-    MIDPOINT = "midpoint"
-    HEUN = "heun"
-    RK4 = "rk4"
-    IMPLICIT_EULER = "implicit_euler"
-    IMPLICIT_MIDPOINT = "implicit_midpoint"
-    XPBD = "xpbd"
-    VBD = "vbd"
-
-
-class Precision(StrEnum):
-    """Floating-point format of every field and kernel."""
-
-    F32 = "f32"
-    F64 = "f64"
-
-
-class Solver(Model):
-    """How time is stepped."""
-
-    integrator: IntegratorName = Field(IntegratorName.SYMPLECTIC_EULER, description="time integration scheme")
-    dt: Positive | Literal["auto"] = Field(
-        "auto", description='largest step [s], or "auto": `safety` times the stability limit of the scheme'
-    )
-    safety: Annotated[Real, Field(gt=0, le=1)] = Field(
-        0.8, description='fraction of the stability limit that dt = "auto" takes'
-    )
-    precision: Precision = Field(Precision.F32, description="floating-point format of every field and kernel")
-    iterations: Annotated[int, Field(ge=1, le=100_000)] | None = Field(
-        None,
-        description="most Newton iterations a step of the implicit schemes (default 20); iterations a step of xpbd, "
-        "sweeps a step of vbd (default 10)",
-    )
-    linear_iterations: Annotated[int, Field(ge=1, le=100_000)] = Field(
-        400, description="most conjugate gradient iterations a Newton iteration"
-    )
-    tolerance: Positive = Field(
-        1e-4,
-        description="residual at which the implicit schemes are done with a step: its size over that of all impulses "
-        "of the step, both weighted by M^-1/2 [1]; never below what rounding leaves",
-    )
-    chebyshev: Annotated[Real, Field(ge=0, lt=1)] = Field(
-        0.0, description="spectral radius that vbd's Chebyshev acceleration reckons with [1]; 0 is without"
-    )
-    accuracy: Annotated[Real, Field(gt=0, le=1)] = Field(
-        0.15,
-        description='relative error of the slowest deformation over its period that dt = "auto" of an implicit scheme '
-        "aims at [1]",
-    )
-    adapt: Literal["rescue"] | None = Field(
-        None, description='"rescue": a run that goes wrong returns to the last good picture and halves dt'
-    )
-    most_halvings: Annotated[int, Field(ge=1, le=40)] = Field(
-        8, description="how often a rescue may halve dt before the run stops after all"
-    )
+from sandbox.scene.model.solver import Solver
+from sandbox.scene.model.surroundings import Contact, Wind
 
 
 class Diagnostics(Model):
@@ -81,6 +20,14 @@ class Diagnostics(Model):
 
     max_strain: Positive = Field(10.0, description="largest spring strain |r - L| / L before the run stops [1]")
     max_speed: Positive = Field(1e5, description="largest particle speed before the run stops [m/s]")
+
+
+class Interaction(Model):
+    """Room for what is done to the bodies live; without it a scene is closed."""
+
+    grips: Index = Field(4, description="hands")
+    pushes: Index = Field(4, description="pushes at a time")
+    shakes: Index = Field(1, description="shakes at a time")
 
 
 class Scene(Model):
@@ -101,3 +48,4 @@ class Scene(Model):
     wind: Wind | None = Field(None, description="moving air; none by default")
     contact: Contact = Contact()
     actions: tuple[Action, ...] = Field((), description="what is done to the bodies, and when")
+    interaction: Interaction | None = Field(None, description="room for what is done live; none by default")

@@ -1,9 +1,6 @@
-"""What acts on bodies from outside: air, each other, and what is done to them."""
+"""What acts on bodies from outside: air, and each other."""
 
-from typing import Annotated, Literal
-
-from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Field
 
 from sandbox.scene.model.base import Direction, Flag, Index, Model, NonNegative, Positive, Real, Vector
 
@@ -47,22 +44,3 @@ class Contact(Model):
     skin: Positive = Field(
         0.25, description="extra reach of neighbour lists over the largest radius [1]; wider ones are made less often"
     )
-
-
-class Pump(Model):
-    """Lets gas into a body with pressure, or out of it, at an even rate."""
-
-    kind: Literal["pump"]
-    body: str = Field(description="name of the body")
-    start: NonNegative = Field(description="[s]")
-    end: Positive = Field(description="[s]")
-    amount: Real = Field(description="gas let in between start and end [mol]; negative: out")
-
-    @model_validator(mode="after")
-    def _lasts(self) -> "Pump":
-        if self.end <= self.start:
-            raise PydanticCustomError("order", "end must be later than start", {})
-        return self
-
-
-Action = Annotated[Pump, Field(discriminator="kind")]
