@@ -23,6 +23,9 @@ STEPS = 40
 WIND = {"velocity": [1.0, 0.0, 0.0]}
 GUSTS = {**WIND, "gust": {"strength": 0.5}}
 NEVER = 1e3
+HAND = {"kind": "grab", "start": 0.0, "end": NEVER, "point": [0.0, 1.6, 0.0]}
+PUSH = {"kind": "push", "start": 0.0, "end": NEVER, "body": "jelly", "force": [1.0, 0.0, 0.0]}
+CUT = {"kind": "cut", "time": NEVER, "point": [0.0, 0.0, 0.0], "normal": [1.0, 0.0, 0.0]}
 SHELL = {
     "name": "shell", "position": [5.0, 5.0, 0.0],
     "shape": {"kind": "shell", "radius": 0.3, "subdivisions": 2},
@@ -57,6 +60,10 @@ def variants() -> dict[str, dict[str, Any]]:
         "capsule collider": jelly(lambda data, body: data["colliders"].append(rod)),
         "moving collider": jelly(lambda data, body: data["colliders"].append(moving)),
         "self-contact": jelly(lambda data, body: body.update(radius=0.02, self_contact=True)),
+        "a hand": jelly(lambda data, body: data.update(actions=[HAND])),
+        "a push": jelly(lambda data, body: data.update(actions=[PUSH])),
+        "a cut to come": jelly(lambda data, body: data.update(actions=[CUT])),
+        "room to be played with": jelly(lambda data, body: data.update(interaction={})),
         "a shell with gas beside it": jelly(lambda data, body: data["bodies"].append(SHELL)),
         "the same shell without gas": jelly(
             lambda data, body: data["bodies"].append({k: v for k, v in SHELL.items() if k != "pressure"})

@@ -38,7 +38,7 @@ class Acting:
         simulation = self.simulation
         ledger = simulation.parts.ledger
         before = simulation.energy().total if ledger else 0.0
-        change = self.actor.perform(event, self._situation())
+        change = self.actor.perform(event, Situation(simulation))
         if change.assembly is not None:
             simulation.change(change.assembly, change.memory)
         if change.state is not None:
@@ -47,21 +47,11 @@ class Acting:
             simulation.switch_solver(change.solver)
         if change.stiffer:
             simulation.stiffened(float(self.actor.factors.max(initial=1.0)))
-        simulation.forget_measurement()
+        if change.state is not None:
+            simulation.forget_measurement()
         for books in simulation.parts.ledger:
             books.book("action", simulation.energy().total - before)
             simulation.forget_measurement()
-
-    def _situation(self) -> Situation:
-        simulation = self.simulation
-        return Situation(
-            assembly=simulation.assembly,
-            state=simulation.state.read(),
-            parts=simulation.parts,
-            dt=simulation.dt,
-            memory=simulation.memory,
-            solver=simulation.scene.solver,
-        )
 
     def recall(self, memory: Memory) -> bool:
         """Go by what was remembered; whether the scene's numbers are others for it."""

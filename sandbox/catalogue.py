@@ -38,7 +38,6 @@ def physics(assembly: Assembly) -> list[str]:
         "plasticity": bool(np.isfinite(springs.yield_strain).any()),
         "tearing": springs.tears,
         "gas": bool(gauges),
-        "pump": bool(scene.actions),
         "leak": any(pressure.leak > 0.0 for pressure in gauges),
         "wind": scene.wind is not None,
         "gusts": scene.wind is not None and scene.wind.gust is not None,
@@ -49,7 +48,8 @@ def physics(assembly: Assembly) -> list[str]:
         "self-contact": scene.contact.enabled and any(body.self_contact for body in scene.bodies),
         "contact between bodies": scene.contact.enabled and sum(body.radius > 0.0 for body in scene.bodies) > 1,
     }
-    return [f"{scene.dimension}D", *(name for name, there in named.items() if there), *_collisions(assembly)]
+    done = sorted({action.kind for action in scene.actions})
+    return [f"{scene.dimension}D", *(name for name, there in named.items() if there), *done, *_collisions(assembly)]
 
 
 def _collisions(assembly: Assembly) -> list[str]:

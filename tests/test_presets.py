@@ -11,6 +11,7 @@ from sandbox import Simulation, load_scene, preset_paths
 from sandbox.balance import EnergyBalance
 from tests.presets.checks_a import CHECKS_A
 from tests.presets.checks_b import CHECKS_B
+from tests.presets.checks_c import CHECKS_C
 
 
 def jelly_rests_on_the_ground(simulation: Simulation, history: list, snapshots: list) -> None:
@@ -49,6 +50,7 @@ CHECKS = {
     "drop_2d": boxes_lie_on_the_ground,
     **CHECKS_A,
     **CHECKS_B,
+    **CHECKS_C,
 }
 
 

@@ -1,8 +1,10 @@
 """Moments of actions, what they find, and what they change."""
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,19 +35,32 @@ class Event:
     """How many of the same kind came before: waypoints, parts of a cut."""
 
 
-@dataclass
 class Situation:
-    """What an event finds."""
+    """What an event finds; read from the device only where somebody asks.
 
-    assembly: Assembly
-    state: tuple[FloatArray, FloatArray, FloatArray]
-    """Positions [m], velocities and those that forces see [m/s], each (N, d), in internal order."""
-    parts: Parts
-    dt: float
-    """Longest step [s]."""
-    memory: Memory
-    """What parts remember."""
-    solver: Solver
+    Parameters
+    ----------
+    simulation : the :class:`sandbox.Simulation` that something happens to
+    """
+
+    def __init__(self, simulation: Any) -> None:
+        self._simulation = simulation
+        self.assembly: Assembly = simulation.assembly
+        self.parts: Parts = simulation.parts
+        self.dt: float = simulation.dt
+        """Longest step [s]."""
+        self.solver: Solver = simulation.scene.solver
+
+    @functools.cached_property
+    def state(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Positions [m], velocities and those that forces see [m/s], each (N, d), in internal order."""
+        x, v, seen = self._simulation.state.read()
+        return x, v, seen
+
+    @functools.cached_property
+    def memory(self) -> Memory:
+        """What parts remember."""
+        return dict(self._simulation.memory)
 
 
 @dataclass

@@ -91,7 +91,7 @@ class _Look:
 def _closed_surface(assembly: Assembly, body: int) -> NDArray[np.int32]:
     """Triangles (2D: of the filled area) of a body that has an inside; none for others."""
     look = assembly.appearance
-    triangles: NDArray[np.int32] = look.triangles[look.triangle_body == body]
+    triangles: NDArray[np.int32] = look.triangles[(look.triangle_body == body) & look.shown().triangles]
     if look.body_two_sided[body]:
         return triangles[:0]
     return triangles

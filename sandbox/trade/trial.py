@@ -10,7 +10,7 @@ from typing import Any
 import tomli_w
 
 from sandbox import __version__
-from sandbox.scene.model import IntegratorName, Precision, Scene
+from sandbox.scene.model import IntegratorName, Precision, Scene, Switch
 
 _PACKAGE = Path(__file__).resolve().parent.parent
 
@@ -57,8 +57,9 @@ class Settings:
 
 
 def with_solver(scene: Scene, **changes: Any) -> Scene:
-    """The scene with other solver settings."""
-    return scene.model_copy(update={"solver": scene.solver.model_copy(update=changes)})
+    """The scene with other solver settings, and these to its end."""
+    actions = tuple(action for action in scene.actions if not isinstance(action, Switch))
+    return scene.model_copy(update={"solver": scene.solver.model_copy(update=changes), "actions": actions})
 
 
 @dataclass(frozen=True)
