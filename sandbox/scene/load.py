@@ -236,7 +236,10 @@ def _dotted(parts: Iterable[int | str]) -> str:
 def _message(error: Any) -> str:
     kind = error["type"]
     if kind == "extra_forbidden":
-        near = difflib.get_close_matches(str(error["loc"][-1]), _known_keys(), n=1, cutoff=0.7)
+        key = str(error["loc"][-1])
+        if key in _known_keys():
+            return "unknown key here"
+        near = difflib.get_close_matches(key, _known_keys(), n=1, cutoff=0.7)
         return "unknown key" + (f"; did you mean {near[0]}?" if near else "")
     template = _MESSAGES.get(kind)
     if template is None:

@@ -142,7 +142,7 @@ _needed = {
 
 
 @st.composite
-def _actions(draw):
+def actions(draw):
     """An action that is right but for what chance makes of it."""
     kind = draw(st.sampled_from(sorted(_needed)))
     names = {*_needed[kind], *draw(st.lists(st.sampled_from(sorted(_fields)), max_size=1))}
@@ -151,11 +151,11 @@ def _actions(draw):
 
 
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-@given(st.lists(_actions(), max_size=4))
-def test_any_file_is_taken_or_refused_with_one_line(actions):
+@given(st.lists(actions(), max_size=4))
+def test_any_file_is_taken_or_refused_with_one_line(done):
     data = _scene().model_dump(mode="json", exclude_none=True)
     try:
-        scene = scene_from_data(data | {"actions": actions}, None, source="fuzz")
+        scene = scene_from_data(data | {"actions": done}, None, source="fuzz")
     except SceneError as error:
         assert "\n" not in str(error) and "actions" in str(error)
         return
@@ -170,15 +170,15 @@ def opened():
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-@given(st.lists(_actions(), min_size=1, max_size=4))
+@given(st.lists(actions(), min_size=1, max_size=4))
 @pytest.mark.filterwarnings("ignore::UserWarning")
-def test_whatever_is_done_the_state_is_finite(opened, actions):
+def test_whatever_is_done_the_state_is_finite(opened, done):
     """The state is good, or the run stops with one line and the last good state."""
     from sandbox.errors import SandboxError
 
     opened.reset()
     try:
-        for action in actions:
+        for action in done:
             if action["kind"] != "solver":  # compiles
                 opened.act(action)
         opened.advance(60)
