@@ -21,6 +21,7 @@ bench: $(VENV)/.installed-dev
 	$(BIN)/python benchmarks/crossover.py
 	$(BIN)/python benchmarks/startup.py
 	$(BIN)/python benchmarks/render_frame.py
+	$(BIN)/python benchmarks/torn_frame.py
 	$(BIN)/python benchmarks/contact.py
 	$(BIN)/python benchmarks/parts.py
 	$(BIN)/python benchmarks/ladder.py

@@ -10,6 +10,7 @@ from sandbox.render import colliders2d, palette, paper2d, raster2d, tiles, verti
 from sandbox.render.arrays import upload, zeros
 from sandbox.render.camera import frame_2d
 from sandbox.render.colliders import grid_spacing
+from sandbox.render.opening2d import FlatOpening
 from sandbox.render.skin import body_offsets, outline_corners
 from sandbox.render.tearing import Tearing
 from sandbox.render.types import vec2, vec3, vec4
@@ -43,14 +44,14 @@ class FlatPainter:
         self._triangles = upload(appearance.triangles[is_drawn], ti.i32)
         self._triangle_body = upload(appearance.triangle_body[is_drawn], ti.i32)
         self._triangle_count = int(np.count_nonzero(is_drawn))
-        springs = appearance.triangle_springs
+        cells = appearance.cells
         self._tearing = Tearing(
+            cells,
             [
-                (None if springs is None else springs[is_drawn], self._triangle_count),
-                (appearance.capsule_spring, len(appearance.capsules)),
-                (appearance.outline_spring, len(appearance.outline)),
-                (None, len(appearance.spheres)),
-            ]
+                (None if cells is None else cells.triangles.chosen(is_drawn), self._triangle_count),
+                (None if cells is None else cells.capsules, len(appearance.capsules)),
+                (None if cells is None else cells.outline, len(appearance.outline) + len(appearance.spheres)),
+            ],
         )
         self._create_rounds(appearance, size)
         self._create_corners(appearance, size)
@@ -83,9 +84,14 @@ class FlatPainter:
 
     def _create_corners(self, appearance: Appearance, size: tuple[int, int]) -> None:
         """Particles of outlines that are drawn a contact radius outside of where they are."""
-        corners, bodies = outline_corners(appearance)
         # The line's outer edge is where others meet the body.
-        radius = body_offsets(appearance)[bodies] * self.camera.scale - OUTLINE_WIDTH / 2 * size[1]
+        offsets = body_offsets(appearance) * self.camera.scale - OUTLINE_WIDTH / 2 * size[1]
+        self._corner_count, self._opening = 0, None
+        if appearance.cells is not None and np.any(appearance.cells.outline.is_inner):
+            self._opening = FlatOpening(appearance, self._triangle_count + len(appearance.capsules), offsets)
+            return
+        corners, bodies = outline_corners(appearance)
+        radius = offsets[bodies]
         is_pushed = radius > 0.0
         self._corner_count = int(np.count_nonzero(is_pushed))
         self._corners = upload(corners[is_pushed], ti.i32)
@@ -139,6 +145,17 @@ class FlatPainter:
             self._moving_rows.from_numpy(rows.ravel())
             self._lay(self._moving_rows, self._moving_edges, self._over)
 
+    def _place(self, positions: Any, slot: int) -> None:
+        """Where all particles are in the picture; those of outlines outside, and in the gaps beside what has torn."""
+        particle_count = positions.shape[1]
+        if self._screen.shape[0] != particle_count:
+            self._screen, self._values = ti.ndarray(vec2, particle_count), zeros(ti.f32, particle_count)
+        raster2d.place_points(positions, slot, self._view, self._screen)
+        if self._opening is not None:
+            self._opening.move(positions, slot, self._tearing.hidden, self._view, self._screen)
+        if self._corner_count:
+            raster2d.push_outline(positions, slot, self._corners, self._corner_radius, self._view, self._screen)
+
     def paint(
         self, positions: Any, slot: int, values: Any, value_scale: float, time: float = 0.0, torn: Any = None
     ) -> None:
@@ -146,18 +163,13 @@ class FlatPainter:
 
         `values` times `value_scale` give colours; what hangs on springs that are nonzero in `torn` is left out.
         """
-        particle_count = positions.shape[1]
-        if self._screen.shape[0] != particle_count:
-            self._screen, self._values = ti.ndarray(vec2, particle_count), zeros(ti.f32, particle_count)
-        raster2d.place_points(positions, slot, self._view, self._screen)
-        if self._corner_count:
-            raster2d.push_outline(positions, slot, self._corners, self._corner_radius, self._view, self._screen)
+        self._tearing.update(torn)
+        can_tear, hidden = self._tearing.is_possible, self._tearing.hidden
+        self._place(positions, slot)
         if self._by_value:
             vertices.copy_values(values, value_scale, self._values)
         if self._moving:
             self._lay_moving(time)
-        self._tearing.update(torn)
-        can_tear, hidden = self._tearing.is_possible, self._tearing.hidden
         if self._triangle_count:
             raster2d.draw_flat_triangles(
                 can_tear, hidden, self._triangles, self._triangle_body, self._screen, self._keys, self._tiles

@@ -18,6 +18,11 @@ class Skin:
     """Body of every triangle, shape (triangle_count,)."""
     radius: FloatArray
     """How far outside of its point a vertex lies [m], shape (vertex_count,)."""
+    vertex_place: IntArray
+    """Number of the place of every vertex, shape (vertex_count,); a face inside a body has vertices of its own at the
+    places of others. Counted from 0 along ``place_point``."""
+    place_point: IntArray
+    """Point at every place, shape (place_count,)."""
 
 
 def body_offsets(appearance: Appearance) -> FloatArray:
@@ -37,10 +42,15 @@ def has_two_skins(appearance: Appearance) -> NDArray[np.bool_]:
 
     Sheets that may tear are not: a tear would show that there is nothing between the skins.
     """
-    tears = np.zeros(len(appearance.body_colors), dtype=bool)
-    if appearance.triangle_springs is not None:
-        tears[appearance.triangle_body[np.any(appearance.triangle_springs >= 0, axis=1)]] = True
-    return appearance.body_two_sided & (body_offsets(appearance) > 0.0) & ~tears
+    has_two = appearance.body_two_sided & (body_offsets(appearance) > 0.0)
+    return has_two if appearance.cells is None else has_two & ~appearance.cells.body_opens
+
+
+def is_inner(appearance: Appearance) -> NDArray[np.bool_]:
+    """True for triangles between cells, inside of bodies that can tear, shape (triangle_count,)."""
+    if appearance.cells is None:
+        return np.zeros(len(appearance.triangles), dtype=bool)
+    return appearance.cells.triangles.is_inner
 
 
 def outline_corners(appearance: Appearance) -> tuple[IntArray, IntArray]:
@@ -66,19 +76,25 @@ def build_skin(appearance: Appearance) -> Skin:
     offsets = np.where(appearance.body_two_sided & ~has_two_skins(appearance), 0.0, offsets)
     is_double = has_two_skins(appearance)[bodies]
     point_count = appearance.particle_count + len(appearance.carried_nodes)
+    # Past the second skins: edges between the outside and the inside are sharp.
+    triangles = (triangles + np.int32(2 * point_count) * is_inner(appearance)[:, None]).astype(np.int32)
     if np.any(is_double):
         back = triangles[is_double][:, ::-1] + np.int32(point_count)
         rim, rim_body = _rims(triangles[is_double], bodies[is_double], point_count)
         triangles = np.concatenate([triangles, back]).astype(np.int32)
         bodies = np.concatenate([bodies, bodies[is_double], rim_body]).astype(np.int32)
     surface = build_surface(triangles, point_count)
+    names = np.unique(triangles)
+    names -= np.int32(2 * point_count) * (names >= 2 * point_count)
+    places, inverse = np.unique(names, return_inverse=True)
     if np.any(is_double):
         # Normals do not know of rims: each skin ends at its edge.
         rim = np.searchsorted(np.unique(triangles), rim).astype(np.int32)
         surface = replace(surface, triangles=np.concatenate([surface.triangles, rim]))
     radius = np.zeros(len(surface.points))
     radius[surface.triangles.ravel()] = np.repeat(offsets[bodies], 3)
-    return Skin(surface, bodies, radius)
+    vertex_place = inverse.reshape(-1).astype(np.int32)
+    return Skin(surface, bodies, radius, vertex_place, (places % point_count).astype(np.int32))
 
 
 def _rims(triangles: IntArray, bodies: IntArray, point_count: int) -> tuple[IntArray, IntArray]:

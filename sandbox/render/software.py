@@ -17,7 +17,6 @@ from sandbox.scene.model import Camera, ColorBy, Render
 FloatArray = NDArray[np.float64]
 
 LEGEND_TITLES = {ColorBy.SPEED: "speed [m/s]", ColorBy.STRAIN: "strain"}
-COLORMAPS = {ColorBy.SPEED: "viridis", ColorBy.STRAIN: "turbo"}
 
 
 class SoftwareRenderer:
@@ -30,7 +29,7 @@ class SoftwareRenderer:
         """
         self.color_max: float | None = render.color_max
         self._title = LEGEND_TITLES.get(render.color)
-        self._colormap = palette.colormap(COLORMAPS[render.color]) if self._title else None
+        self._colormap = palette.colormap(palette.COLORMAPS[render.color]) if self._title else None
         self._legend: Any = None
         painter = SolidPainter if appearance.dimension == 3 else FlatPainter
         with compiling():

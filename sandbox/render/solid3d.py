@@ -11,10 +11,11 @@ from sandbox.render import colliders, palette, raster, shade, statics, tiles, ve
 from sandbox.render.arrays import upload, vectors, zeros
 from sandbox.render.camera import frame_3d
 from sandbox.render.light import LIGHT_TILE, LightFrame, key_light
+from sandbox.render.opening import Opening
 from sandbox.render.posing import PosedSolids
 from sandbox.render.seen import seen_points
 from sandbox.render.shadow import TABLE
-from sandbox.render.skin import build_skin, has_two_skins
+from sandbox.render.skin import build_skin, has_two_skins, is_inner
 from sandbox.render.solids import Solid, build_solid
 from sandbox.render.tearing import Tearing
 from sandbox.render.topology import value_particles
@@ -22,6 +23,9 @@ from sandbox.render.types import vec2, vec3, vec4
 from sandbox.render.view import BLOCK, CELL, MOVING, OPEN, SOLID, STILL, TILE, view_constants
 from sandbox.scene.appearance import Appearance
 from sandbox.scene.model import Camera, Collider, MeshCollider
+
+INSIDE_SHADE = 0.85
+"""Linear brightness of what was inside of a body, relative to its outside."""
 
 
 class SolidPainter:
@@ -63,14 +67,16 @@ class SolidPainter:
         return key_light(self.camera, appearance.bounds, casters, seen)
 
     def _create_bodies(self, appearance: Appearance) -> None:
-        """Colours and looks of bodies, then of colliders that move."""
+        """Colours and looks of bodies, then of colliders that move, then of the insides of bodies."""
         looks = np.where(appearance.body_two_sided & ~has_two_skins(appearance), OPEN, 0)
-        if appearance.triangle_springs is not None:
-            # What tears shows its inside.
-            looks[appearance.triangle_body[np.any(appearance.triangle_springs >= 0, axis=1)]] = OPEN
+        if appearance.cells is not None:
+            looks[appearance.cells.body_opens] = OPEN
         colors = palette.to_linear(appearance.body_colors)
-        self._body_color = upload(np.concatenate([colors, self._moving.tints]), ti.f32)
-        self._body_look = upload(np.concatenate([looks, np.full(len(self._moving), SOLID)]), ti.i32)
+        moving, inside = self._moving, colors[:0]
+        if np.any(is_inner(appearance)):
+            inside = INSIDE_SHADE * colors
+        self._body_color = upload(np.concatenate([colors, moving.tints, inside]), ti.f32)
+        self._body_look = upload(np.concatenate([looks, np.full(len(moving), SOLID), np.zeros(len(inside))]), ti.i32)
 
     def _create_surface(self, appearance: Appearance) -> None:
         """Triangles of bodies, then of colliders that move."""
@@ -85,7 +91,10 @@ class SolidPainter:
         self._ring = upload(surface.ring, ti.i32)
         self._ring_triangle = upload(surface.ring_triangle, ti.i32)
         self._triangles = upload(np.concatenate([surface.triangles, corners.reshape(-1, 3)]), ti.i32)
-        self._triangle_body = upload(np.concatenate([skin.triangle_body, owners]), ti.i32)
+        bodies = skin.triangle_body.copy()
+        bodies[: len(appearance.triangles)][is_inner(appearance)] += len(appearance.body_colors) + len(moving)
+        self._triangle_body = upload(np.concatenate([bodies, owners]), ti.i32)
+        self._opening = Opening(skin, appearance) if np.any(is_inner(appearance)) else None
         self._is_thick = bool(np.any(skin.radius > 0.0))
         self._vertex_radius = upload(skin.radius if self._is_thick else np.zeros(1), ti.f32)
         # Colliders show no values: any particle will do.
@@ -115,13 +124,14 @@ class SolidPainter:
         self._rounds = [vectors(self._round_count) for _ in range(2)]
 
     def _create_tearing(self, appearance: Appearance) -> None:
+        cells = appearance.cells
+        others = len(appearance.spheres) + self._moving.rod_count
         self._tearing = Tearing(
+            cells,
             [
-                (appearance.triangle_springs, self._triangle_count - len(self._moving.triangle_owner)),
-                (None, len(self._moving.triangle_owner)),
-                (appearance.capsule_spring, len(appearance.capsules)),
-                (None, len(appearance.spheres) + self._moving.rod_count),
-            ]
+                (None if cells is None else cells.triangles, self._triangle_count),
+                (None if cells is None else cells.capsules, len(appearance.capsules) + others),
+            ],
         )
 
     def _create_buffers(self, size: tuple[int, int]) -> None:
@@ -203,7 +213,11 @@ class SolidPainter:
         """Where all vertices and rods are."""
         if self._has_carried:
             vertices.carry_points(positions, slot, self._carried_nodes, self._carried_weights, self._carried)
-        if self._vertex_count:
+        if self._opening is not None:
+            self._opening.place(
+                self._has_carried, positions, slot, self._carried, self._tearing.hidden, self._view, self._vertices
+            )
+        elif self._vertex_count:
             vertices.place_vertices(
                 self._has_carried, self._tearing.is_possible, self._is_thick, positions, slot, self._carried,
                 self._points, self._vertex_radius, self._ring_start, self._ring, self._ring_triangle,

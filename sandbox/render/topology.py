@@ -31,16 +31,21 @@ def build_surface(triangles: IntArray, point_count: int | None = None) -> Surfac
     triangles = np.asarray(triangles, dtype=np.int32).reshape(-1, 3)
     points, inverse = np.unique(triangles, return_inverse=True)
     local = inverse.reshape(-1, 3).astype(np.int32)
-    owner = local.ravel()
     if point_count is not None:
         points, triangles = points % point_count, triangles % point_count
-    others = np.stack([np.roll(triangles, -1, axis=1), np.roll(triangles, -2, axis=1)], axis=-1).reshape(-1, 2)
+    return Surface(points.astype(np.int32), local, *build_rings(local, triangles, len(points)))
+
+
+def build_rings(vertices: IntArray, names: IntArray, vertex_count: int) -> tuple[IntArray, IntArray, IntArray]:
+    """`ring_start`, `ring` and `ring_triangle` of :class:`Surface` for triangles of vertices, shape (T, 3).
+
+    The ring names the corners as `names` does, shape (T, 3).
+    """
+    others = np.stack([np.roll(names, -1, axis=1), np.roll(names, -2, axis=1)], axis=-1).reshape(-1, 2)
+    owner = vertices.ravel()
     order = np.argsort(owner, kind="stable")
-    counts = np.bincount(owner, minlength=len(points))
-    ring_start = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
-    return Surface(
-        points.astype(np.int32), local, ring_start, others[order].astype(np.int32), (order // 3).astype(np.int32)
-    )
+    ring_start = np.concatenate([[0], np.cumsum(np.bincount(owner, minlength=vertex_count))]).astype(np.int32)
+    return ring_start, others[order].astype(np.int32), (order // 3).astype(np.int32)
 
 
 def value_particles(points: IntArray, appearance: Appearance) -> IntArray:

@@ -42,6 +42,8 @@ class Lattice:
     """Boundary: outward triangles in 3D, counter-clockwise edges in 2D; shape (face_count, dimension)."""
     cells: IntArray
     """2D only: counter-clockwise triangles that fill the cells, shape (2 * cell_count, 3)."""
+    corners: IntArray
+    """Particles at the corners of every cell, which count up in binary, x first, shape (cell_count, 2^dimension)."""
 
 
 def spring_offsets(dimension: int, bracing: Bracing) -> list[Offset]:
@@ -128,6 +130,7 @@ def build_lattice(
         mass_share=node_cells[used] / node_cells.sum(),
         faces=_boundary(occupied, node_index),
         cells=_fill(occupied, node_index) if dimension == 2 else np.zeros((0, 3), np.int32),
+        corners=_corners(occupied, node_index),
     )
 
 
@@ -233,3 +236,9 @@ def _fill(occupied: NDArray[np.bool_], node_index: NDArray[np.int64]) -> IntArra
     a, b = node_index[x, y], node_index[x + 1, y]
     c, d = node_index[x + 1, y + 1], node_index[x, y + 1]
     return np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]).astype(np.int32)
+
+
+def _corners(occupied: NDArray[np.bool_], node_index: NDArray[np.int64]) -> IntArray:
+    cells = np.argwhere(occupied)
+    steps = itertools.product((0, 1), repeat=occupied.ndim)
+    return np.stack([node_index[tuple((cells + step).T)] for step in steps], axis=1).astype(np.int32)

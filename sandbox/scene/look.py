@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sandbox.scene.appearance import Appearance
+from sandbox.scene.insides import Inside, find_inside
 from sandbox.scene.lattice import FloatArray, IntArray
 from sandbox.scene.model import HalfSpace, Scene
 from sandbox.scene.shapes import Geometry, lengths
 from sandbox.scene.spring_set import SpringSet
-from sandbox.scene.surfaces import edge_springs
 
 # Okabe and Ito's colour-blind safe palette, reordered so that neighbours differ most.
 PALETTE = ("#E8604C", "#3D9BE0", "#F2B134", "#2FB58A", "#B678D8", "#6BC8E8", "#E88AAE", "#8C9A3C")
@@ -25,8 +25,12 @@ def build_appearance(
     positions: FloatArray,
     internal: NDArray[np.int64],
     springs: SpringSet,
+    can_tear: bool,
 ) -> Appearance:
-    """Drawable elements in internal particle indices. ``positions`` are in scene order [m], springs internal."""
+    """Drawable elements in internal particle indices. ``positions`` are in scene order [m], springs internal.
+
+    Where springs ``can_tear``, by themselves or by being cut, the insides of bodies are among the elements.
+    """
     first = np.cumsum([0] + [len(g.points) for g in geometries])
     element = _element_size(geometries)
 
@@ -45,7 +49,16 @@ def build_appearance(
 
     triangles, triangle_body = gather("triangles", 3)
     outline, outline_body = gather("outline", 2)
-    capsules, capsule_body = gather("springs" if scene.render.struts else "capsules", 2)
+    rods = "springs" if scene.render.struts else "capsules"
+    capsules, capsule_body = gather(rods, 2)
+    inside: Inside | None = None
+    if can_tear:
+        is_bare = [bool(scene.render.particles or scene.render.struts or g.show_particles) for g in geometries]
+        inside = find_inside(geometries, [getattr(g, rods) for g in geometries], numbers, springs.ends, is_bare)
+        triangles = np.concatenate([triangles, inside.triangles])
+        triangle_body = np.concatenate([triangle_body, inside.triangle_body])
+        outline = np.concatenate([outline, inside.outline])
+        outline_body = np.concatenate([outline_body, inside.outline_body])
     shown = [
         np.arange(len(g.points)) if scene.render.particles or g.show_particles else np.zeros(0, int) for g in geometries
     ]
@@ -54,7 +67,6 @@ def build_appearance(
     rod = np.array([g.capsule_radius or _STRUT_RADIUS * element for g in geometries])
     bead = np.array([body.radius or _BALL_RADIUS * element for body in scene.bodies])
     carried_nodes, carried_weights = _carried(geometries, first, internal)
-    tears = springs.tears
     return Appearance(
         dimension=scene.dimension,
         triangles=triangles,
@@ -76,10 +88,8 @@ def build_appearance(
         particle_count=len(positions),
         carried_nodes=carried_nodes,
         carried_weights=carried_weights,
-        triangle_springs=edge_springs(triangles, springs.ends) if tears else None,
-        outline_spring=edge_springs(outline, springs.ends)[:, 0] if tears else None,
-        capsule_spring=edge_springs(capsules, springs.ends)[:, 0] if tears else None,
         body_radius=np.array([body.radius for body in scene.bodies]),
+        cells=None if inside is None else inside.cells,
     )
 
 

@@ -9,6 +9,7 @@ import pytest
 from sandbox import runtime
 from sandbox.render import palette
 from sandbox.scene.appearance import Appearance
+from sandbox.scene.cells import Cells, FaceCells
 from sandbox.scene.model import HalfSpace
 
 
@@ -56,13 +57,33 @@ def make_appearance() -> Callable[..., Appearance]:
             carried_nodes=np.asarray(parts.get("carried_nodes", np.zeros((0, 1))), dtype=np.int32),
             carried_weights=np.asarray(parts.get("carried_weights", np.zeros((0, 1))), dtype=float),
             body_radius=None if "body_radius" not in parts else np.asarray(parts["body_radius"], dtype=float),
-            **{
-                name: None if parts.get(name) is None else np.asarray(parts[name], dtype=np.int32)
-                for name in ("triangle_springs", "outline_spring", "capsule_spring")
-            },
+            cells=hanging_cells(dimension, body_count, parts),
         )
 
     return build
+
+
+def hanging_cells(dimension: int, body_count: int, parts: dict[str, Any]) -> Cells | None:
+    """A cell for every element, with the springs that a test names for it; None where it names none."""
+    names = {"triangles": "triangle_springs", "outline": "outline_spring", "capsules": "capsule_spring"}
+    if not any(name in parts for name in names.values()):
+        return None
+    rows, faces = [], []
+    for elements, name in names.items():
+        count = len(parts.get(elements, ()))
+        own = np.full((count, 3), -1)
+        if name in parts:
+            springs = np.asarray(parts[name]).reshape(count, -1)
+            own[:, : springs.shape[1]] = springs
+        faces.append(FaceCells.of(sum(map(len, rows)) + np.arange(count)))
+        rows.append(own)
+    springs = np.concatenate(rows)
+    opens = np.zeros(body_count, dtype=bool)
+    if "triangle_springs" in parts and dimension == 3:
+        opens[np.asarray(parts["triangle_body"], dtype=int)[np.any(rows[0] >= 0, axis=1)]] = True
+    start = np.concatenate([[0], np.cumsum((springs >= 0).sum(axis=1))]).astype(np.int32)
+    held = springs[springs >= 0].astype(np.int32)
+    return Cells(start, held, np.ones(len(springs), dtype=np.int32), *faces, opens)
 
 
 @pytest.fixture(scope="session")

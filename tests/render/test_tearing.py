@@ -1,11 +1,16 @@
 """What has torn is neither drawn nor casts, and nothing else changes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import taichi as ti
 
 from sandbox.render.software import SoftwareRenderer
+from sandbox.render.tearing import Tearing
+from sandbox.scene.assemble import assemble
 from sandbox.scene.model import Camera, Render
+from tests.conftest import make_scene
 
 SMALL = (160, 96)
 RED, GREEN = (1.0, 0.1, 0.1), (0.1, 1.0, 0.1)
@@ -169,3 +174,128 @@ def test_triangles_outlines_and_springs_tear_in_the_plane(make_appearance, make_
         assert np.abs(pixel(torn, camera, gone) - paper).max() < 15 < np.abs(pixel(whole, camera, gone) - paper).max()
     for kept in ([-1.5, 1.0], [0.0, 2.0]):
         assert np.array_equal(pixel(torn, camera, kept), pixel(whole, camera, kept))
+
+
+def cut_scene(dimension, **body):
+    """An assembly of one solid in which every spring tears, and marks of the springs that a sloping plane parts."""
+    size, cells = [0.8, 0.6, 0.7][:dimension], [8, 6, 7][:dimension]
+    shape = {"kind": "box", "size": size, "cells": cells}
+    material = {"youngs_modulus": 1e5, "break_strain": 0.5}
+    scene = make_scene(dimension=dimension, bodies=[{"name": "b", "shape": shape, "material": material, **body}])
+    assembly = assemble(scene)
+    front = assembly.positions @ np.array([1.0, 0.4, 0.3][:dimension]) > 0.013
+    ends = assembly.spring_set.ends
+    return assembly, np.flatnonzero(front[ends[:, 0]] != front[ends[:, 1]]), front
+
+
+@pytest.fixture(scope="module")
+def cut_cube():
+    return cut_scene(3)
+
+
+@pytest.fixture(scope="module")
+def cut_square():
+    return cut_scene(2)
+
+
+@pytest.mark.parametrize("solid", ["cut_cube", "cut_square"])
+def test_the_kernels_hide_what_the_appearance_does_not_show(solid, request):
+    assembly, cut, _ = request.getfixturevalue(solid)
+    look, count = assembly.appearance, assembly.spring_count
+    kinds = (look.cells.triangles, look.cells.outline, look.cells.capsules)
+    tearing = Tearing(look.cells, [(kind, len(kind)) for kind in kinds] + [(None, 3)])
+    scattered = np.flatnonzero(np.random.default_rng(2).random(count) < 0.3)
+    for torn in (None, [], cut, scattered, None, cut, []):
+        marks = None if torn is None else spring_field(count, torn)
+        tearing.update(marks)
+        shown = look.shown(None if marks is None else marks.to_numpy())
+        assert np.array_equal(tearing.hidden.to_numpy() == 0, np.concatenate([*shown, [True] * 3]))
+    assert not np.array_equal(look.shown().triangles, look.shown(spring_field(count, cut).to_numpy()).triangles)
+
+
+def test_inner_faces_are_drawn_where_the_appearance_has_them(cut_cube, make_field):
+    assembly, cut, front = cut_cube
+    look = assembly.appearance
+    apart = assembly.positions + np.where(front[:, None], [0.3, 0.1, 0.0], 0.0)
+    renderer = SoftwareRenderer(look, Render(size=SMALL))
+    marks = spring_field(assembly.spring_count, cut)
+    renderer.draw(make_field(apart), 0, None, 0.0, marks)
+    drawn = renderer._painter._vertices[0].to_numpy()
+    triangles = renderer._painter._triangles.to_numpy().reshape(-1, 3)
+    shown = look.shown(marks.to_numpy()).triangles
+    points = look.drawn_points(apart, marks.to_numpy())
+    np.testing.assert_allclose(drawn[triangles[shown]], points[look.triangles[shown]], atol=2e-6)
+    assert np.abs(points - apart).max() > 0.04
+    # Faces inside have vertices of their own: the edge around a cut is sharp.
+    inner = look.cells.triangles.is_inner
+    assert not np.intersect1d(triangles[shown & inner], triangles[shown & ~inner]).size
+
+
+def test_outlines_are_drawn_where_the_appearance_has_them(cut_square, make_field):
+    assembly, cut, front = cut_square
+    look = assembly.appearance
+    apart = assembly.positions + np.where(front[:, None], [0.3, 0.1], 0.0)
+    renderer = SoftwareRenderer(look, Render(size=SMALL))
+    marks = spring_field(assembly.spring_count, cut)
+    renderer.draw(make_field(apart), 0, None, 0.0, marks)
+    outline = look.outline[look.shown(marks.to_numpy()).outline]
+    points = look.drawn_points(apart, marks.to_numpy())
+    wanted = renderer.pixels(points)[outline]
+    np.testing.assert_allclose(renderer._painter._screen.to_numpy()[outline], wanted, atol=1e-3)
+    assert np.abs(points - apart).max() > 0.04
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.05])
+def test_a_solid_that_can_tear_looks_like_one_that_cannot(make_field, radius):
+    for dimension in (2, 3):
+        assembly, _, _ = cut_scene(dimension, radius=radius)
+        scene = assembly.scene.model_dump(exclude_unset=True)
+        scene["bodies"][0]["material"].pop("break_strain")
+        plain = assemble(make_scene(**scene)).appearance
+        field = make_field(assembly.positions)
+        pictures = [
+            SoftwareRenderer(look, Render(size=SMALL)).draw(field, 0, None, 0.0, torn)
+            for look, torn in ((plain, None), (assembly.appearance, spring_field(assembly.spring_count)))
+        ]
+        assert len(assembly.appearance.triangles) + len(assembly.appearance.outline) > len(plain.triangles) + len(
+            plain.outline
+        )
+        if radius == 0.0 or dimension == 2:
+            assert np.array_equal(*pictures)
+        else:
+            # Sums are made in another order.
+            assert np.abs(pictures[0].astype(int) - pictures[1]).max() <= 2
+
+
+def test_the_inside_of_a_solid_is_solid(cut_cube, make_field):
+    assembly, cut, front = cut_cube
+    # Far to the right the front half leaves the view; what faces it is the cut.
+    gone = assembly.positions + np.where(front[:, None], [500.0, 0.0, 0.0], 0.0)
+    camera = Camera(eye=(4.0, 1.6, 1.2), target=(0.0, 0.0, 0.0))
+    renderer = SoftwareRenderer(assembly.appearance, Render(size=SMALL), camera)
+    field = make_field(gone)
+    torn = renderer.draw(field, 0, None, 0.0, spring_field(assembly.spring_count, cut))
+    point = pixel(torn, renderer._painter.camera, [0.0, 0.0, 0.0])
+    color = assembly.appearance.body_colors[0]
+    assert np.argmax(point) == np.argmax(color) and point.max() > point.min() + 40
+
+
+def test_a_flat_solid_that_is_cut_meets_others_a_radius_outside(make_field):
+    """The outline follows the cut, and is pushed out on all sides."""
+    radius = 0.05
+    assembly, cut, front = cut_scene(2, radius=radius)
+    look = assembly.appearance
+    apart = assembly.positions + np.where(front[:, None], [1.0, 0.0], 0.0)
+    marks = spring_field(assembly.spring_count, cut)
+    areas = []
+    for body_radius in (None, np.array([radius])):
+        renderer = SoftwareRenderer(replace(look, body_radius=body_radius), Render(size=(640, 384)))
+        renderer.draw(make_field(apart), 0, None, 0.0, marks)
+        scale = renderer._painter.camera.scale
+        screen = renderer._painter._screen.to_numpy() / scale
+        outline = look.outline[look.shown(marks.to_numpy()).outline]
+        a, b = screen[outline[:, 0]], screen[outline[:, 1]]
+        areas.append(0.5 * abs((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()))
+        length = np.linalg.norm(b - a, axis=1).sum()
+    pushed = radius - renderer._painter.picture.shape[0] * 1.3 / 720.0 / scale
+    assert areas[1] - areas[0] == pytest.approx(pushed * length, rel=0.15)

@@ -55,6 +55,8 @@ class Geometry:
     """Particles that carry every extra surface point, shape (V, nodes); triangles name such a point as N + its row."""
     carried_weights: FloatArray = field(default_factory=lambda: np.zeros((0, 1)))
     """Their weights, which add up to 1, shape (V, nodes)."""
+    cells: IntArray = field(default_factory=lambda: no_elements(8))
+    """Particles at the corners of every cell of a solid lattice, which count up in binary, x first, shape (C, 2^d)."""
     show_particles: bool = False
     """True where particles are to be seen even if the scene does not ask for them."""
 

@@ -40,6 +40,7 @@ def _solid(lattice: Lattice, points: FloatArray, volume: float) -> Geometry:
         volume=volume,
         triangles=lattice.cells if flat else lattice.faces,
         outline=lattice.faces if flat else no_elements(2),
+        cells=lattice.corners,
     )
 
 

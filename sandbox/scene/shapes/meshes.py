@@ -50,6 +50,7 @@ def _filled(shape: Mesh, vertices: FloatArray, triangles: IntArray) -> Geometry:
         triangles=triangles + np.int32(len(lattice.points)),
         carried_nodes=nodes,
         carried_weights=weights,
+        cells=lattice.corners,
     )
 
 
