@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from sandbox.diagnostics import Energy, Measurement
     from sandbox.errors import DivergedError, RuntimeUnavailableError, SandboxError, SceneError
     from sandbox.headless import RunOptions, Summary, run
+    from sandbox.output.trajectory import Trajectory
     from sandbox.scene.load import json_schema, load_scene, preset_paths, to_toml
     from sandbox.scene.model import Scene
     from sandbox.simulation import Simulation
@@ -38,6 +39,7 @@ __all__ = [
     "Simulation",
     "StabilityWarning",
     "Summary",
+    "Trajectory",
     "__version__",
     "json_schema",
     "load_scene",
@@ -58,6 +60,7 @@ _HOMES = {
     "Simulation": "sandbox.simulation",
     "StabilityWarning": "sandbox.step_size",
     "Summary": "sandbox.headless",
+    "Trajectory": "sandbox.output.trajectory",
     "json_schema": "sandbox.scene.load",
     "load_scene": "sandbox.scene.load",
     "preset_paths": "sandbox.scene.load",

@@ -9,8 +9,18 @@ from typing import Annotated, Any
 
 import typer
 
-from sandbox import __version__, cli_studies
-from sandbox.cli_options import JsonOption, SceneArgument, SetOption, WithOption, load, names, picture_size, scene_data
+from sandbox import __version__, cli_export, cli_live, cli_serve, cli_studies
+from sandbox.cli_options import (
+    JsonOption,
+    SceneArgument,
+    SetOption,
+    WithOption,
+    act_on,
+    load,
+    names,
+    picture_size,
+    scene_data,
+)
 from sandbox.errors import SandboxError, SceneError
 from sandbox.scene.load import json_schema
 from sandbox.scene.model import IntegratorName, Scene
@@ -44,12 +54,17 @@ def run(
     fps: Annotated[float | None, typer.Option(help="Pictures a simulated second.")] = None,
     size: Annotated[str | None, typer.Option(metavar="WIDTHxHEIGHT", help="Picture size, e.g. 1280x720.")] = None,
     out: Annotated[Path | None, typer.Option(help="Run folder; outputs/NAME by default.")] = None,
-    renderer: Annotated[str, typer.Option(help="taichi or none.")] = "taichi",
+    renderer: Annotated[str, typer.Option(help="taichi, ggui (the machine's Vulkan driver) or none.")] = "taichi",
     video: Annotated[str, typer.Option(help="mp4, webm, gif, png or none.")] = "mp4",
     arch: Annotated[str, typer.Option(help="cpu, cuda, vulkan or metal.")] = "cpu",
     precision: Annotated[str | None, typer.Option(help="f32 or f64; the scene's by default.")] = None,
     threads: Annotated[int | None, typer.Option(help="CPU threads; all cores by default.")] = None,
     resume: Annotated[Path | None, typer.Option(metavar="FILE", help="Go on from a checkpoint.")] = None,
+    actions: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="What is done to the bodies: a file of actions, or a recording.")
+    ] = None,
+    trajectory: cli_export.TrajectoryOption = None,
+    export: cli_export.ExportOption = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
     json_: JsonOption = False,
     verbose: Annotated[bool, typer.Option("--verbose", help="Show Taichi's own log.")] = False,
@@ -57,16 +72,34 @@ def run(
     """Simulate a scene, draw it, and leave a run folder with video, poster, metrics and checkpoint."""
     shortcuts = {"duration": seconds, "render.fps": fps, "render.size": None if size is None else picture_size(size)}
     loaded = load(scene, set_, shortcuts, with_)
+    tick = None
+    if actions is not None:
+        loaded, header = act_on(loaded, actions, seconds)
+        if header is not None:
+            precision, tick = precision or str(header.precision), header.tick
     from sandbox.headless import RunOptions
     from sandbox.headless import run as run_scene
 
     name = Path(scene).stem
-    options = RunOptions(name, out, renderer, video, arch, precision, threads, resume, verbose)
+    options = RunOptions(
+        name,
+        out,
+        renderer,
+        video,
+        arch,
+        precision,
+        threads,
+        resume,
+        verbose,
+        tick,
+        trajectory,
+        cli_export.kinds(export),
+    )
     try:
         with _progress(loaded, quiet or json_) as progress:
             summary = run_scene(loaded, options, progress)
     except SceneError as error:
-        named = str(error).startswith(("bodies", "diagnostics", "solver"))
+        named = str(error).startswith(("actions", "bodies", "diagnostics", "solver"))
         raise SceneError(f"{scene}: {error}" if named else str(error)) from None
     except KeyboardInterrupt:
         raise SandboxError(f"interrupted; {options.folder} holds what was simulated until then") from None
@@ -163,6 +196,10 @@ def _print_stable_steps(rows: Any) -> None:
 
 app.command()(cli_studies.measure)
 app.command()(cli_studies.tune)
+app.command()(cli_export.export)
+app.command()(cli_export.render)
+app.command()(cli_live.play)
+app.command()(cli_serve.serve)
 
 
 @app.command()

@@ -1,7 +1,6 @@
 """A headless run: simulate, measure, draw, and leave a run folder."""
 
 import contextlib
-import hashlib
 import math
 import os
 import platform
@@ -19,7 +18,9 @@ from numpy.typing import NDArray
 from sandbox import __version__, checkpoint
 from sandbox.balance import EnergyBalance
 from sandbox.errors import DivergedError, SceneError
+from sandbox.exports import FrameRecorder, check_outputs
 from sandbox.output.folder import RunFolder
+from sandbox.output.inline import InlinePicture, InlineVideo
 from sandbox.output.metrics import MetricsWriter
 from sandbox.output.progress import NoProgress, ProgressReport
 from sandbox.output.video import PictureWriter, open_writer
@@ -52,6 +53,13 @@ class RunOptions:
     resume: Path | None = None
     """Checkpoint to go on from; the run still ends at the scene's duration."""
     verbose: bool = False
+    tick: float | None = None
+    """Time that goes by at once [s], as in the recording that is run again; by default a picture's."""
+
+    trajectory: str | None = None
+    """npz or zarr: the state at every picture is written down."""
+    exports: tuple[str, ...] = ()
+    """Kinds of mesh files: ply, obj, vtu, springs, usd, glb."""
 
     @property
     def folder(self) -> Path:
@@ -69,6 +77,8 @@ class Timings:
     simulate: list[float] = field(default_factory=list)
     render: list[float] = field(default_factory=list)
     encode: list[float] = field(default_factory=list)
+    export: list[float] = field(default_factory=list)
+    """Trajectory and mesh files."""
 
     @contextlib.contextmanager
     def measure(self, part: str) -> Iterator[None]:
@@ -80,7 +90,7 @@ class Timings:
     def summary(self, total: float) -> dict[str, float]:
         """Seconds a part; medians leave out the first picture, which compiles."""
         table = {"setup": self.setup, "first_step": self.first_step, "total": total}
-        for part in ("simulate", "render", "encode"):
+        for part in ("simulate", "render", "encode", *(["export"] if self.export else [])):
             values = getattr(self, part)
             table[part] = sum(values)
             table[f"{part}_median_per_picture"] = median(values[1:] or values or [0.0])
@@ -136,6 +146,14 @@ class Summary:
     seconds: dict[str, float]
     versions: dict[str, str]
 
+    def video(self) -> InlineVideo:
+        """The run's video, which notebooks show by themselves. Raises SandboxError where it has none."""
+        return InlineVideo.of_folder(Path(self.folder))
+
+    def poster(self) -> InlinePicture:
+        """The run's poster, which notebooks show by themselves. Raises SandboxError where it has none."""
+        return InlinePicture.of_file(Path(self.folder) / "poster.png")
+
 
 def run(scene: Scene, options: RunOptions, progress: ProgressReport | None = None) -> Summary:
     """Simulate a scene to its duration and leave the run folder.
@@ -164,6 +182,7 @@ def check_options(options: RunOptions) -> None:
     for name, value, allowed in (("renderer", options.renderer, RENDERERS), ("video", options.video, VIDEOS)):
         if value not in allowed:
             raise SceneError(f"--{name} {value}: must be one of {', '.join(allowed)}")
+    check_outputs(options.trajectory, options.exports)
 
 
 class _Recorder:
@@ -198,6 +217,9 @@ class _Recorder:
         self.poster_merit = -math.inf
         self.pictures = 0
         self.begin = self.simulation.time
+        self.frames = FrameRecorder.open(
+            self.simulation, folder, options.name, options.arch, options.trajectory, options.exports
+        )
         self.timings.setup = clock.perf_counter() - start
 
     def _resume(self, path: Path) -> None:
@@ -225,12 +247,13 @@ class _Recorder:
         """Every picture from the start to the scene's duration."""
         simulation, duration = self.simulation, self.scene.duration
         self.metrics.write(0, simulation.time, self.first)
+        self.frames.write(0, -math.inf)
         frame = 1.0 / self.scene.render.fps
         count = max(1, math.ceil((duration - self.begin) / frame - 1e-6))
         for number in range(1, count + 1):
-            ahead = min(self.begin + number * frame, duration) - simulation.time
+            due = min(self.begin + number * frame, duration)
             with self.timings.measure("simulate"):
-                simulation.advance(ahead)
+                self._advance_to(due)
                 measured = simulation.measure()
             if number == 1:
                 self.timings.first_step = clock.perf_counter() - self.start
@@ -239,15 +262,32 @@ class _Recorder:
             self._note_tears(measured.torn, simulation.time)
             if self.balance is not None:
                 self.balance.add(measured)
-            self._draw(number, count, measured.energy.elastic)
+            # The poster shows the moment of largest deformation; without springs, the middle of the run.
+            merit = measured.energy.elastic if simulation.spring_count else -abs(number - 0.5 * count)
+            self._draw(merit)
+            self._write_down(number, merit)
             progress.update(simulation.time, self._real_time_factor())
+
+    def _advance_to(self, time: float) -> None:
+        """On to a time [s]; in a recording that runs again by its ticks, to the last one that ends by then."""
+        tick = self.options.tick
+        if tick is None:
+            self.simulation.advance(time - self.simulation.time)
+            return
+        for number in range(round(self.simulation.time / tick) + 1, math.floor(time / tick + 1e-6) + 1):
+            self.simulation.advance_to(number * tick)
 
     def _note_tears(self, torn: int, time: float) -> None:
         if torn > self.torn:
             self.first_tear = time if self.first_tear is None else self.first_tear
             self.torn = torn
 
-    def _draw(self, number: int, count: int, elastic: float) -> None:
+    def _write_down(self, number: int, merit: float) -> None:
+        if self.frames.writers:
+            with self.timings.measure("export"):
+                self.frames.write(number, merit)
+
+    def _draw(self, merit: float) -> None:
         if isinstance(self.renderer, NullRenderer):
             return
         with self.timings.measure("render"):
@@ -255,8 +295,6 @@ class _Recorder:
         with self.timings.measure("encode"):
             self.writer.write(picture)
         self.pictures += 1
-        # The poster shows the moment of largest deformation; without springs, the middle of the run.
-        merit = elastic if self.simulation.spring_count else -abs(number - 0.5 * count)
         if merit > self.poster_merit:
             self.poster, self.poster_merit = picture, merit
 
@@ -264,6 +302,7 @@ class _Recorder:
         """The state as it is now."""
         simulation = self.simulation
         state = simulation.state
+        self.values = None if self.values is None else self.values.current()
         values = None if self.values is None else self.values.update()
         return self.renderer.draw(state.x, state.slot, values, time=simulation.time, torn=simulation.torn)
 
@@ -286,11 +325,14 @@ class _Recorder:
     def finish(self, failure: BaseException | None) -> Summary:
         """Close all files, write the rest, and publish the folder."""
         if failure is not None and self.pictures == 0:
-            self._draw(0, 1, 0.0)  # of the last good state: better than no picture at all
+            self._draw(0.0)  # of the last good state: better than no picture at all
         if isinstance(failure, DivergedError):
             self._draw_postmortem(failure)
         self.writer.close()
         self.metrics.close()
+        if self.frames.writers:
+            with self.timings.measure("export"):
+                self.frames.close()
         self.renderer.close()
         if self.poster is not None:
             iio.imwrite(self.folder.partial / "poster.png", self.poster)
@@ -333,7 +375,7 @@ class _Recorder:
             work=None if (work := simulation.measure().work) is None else dict(work),
             energy_moved=None if self.balance is None else self.balance.moved,
             energy_unexplained=None if self.balance is None else self.balance.unexplained,
-            state_sha256=_hash(simulation),
+            state_sha256=simulation.state_hash(),
             seconds=self.timings.summary(clock.perf_counter() - self.start),
             versions={"sandbox": __version__, "python": platform.python_version(), "numpy": np.__version__},
         )
@@ -341,13 +383,6 @@ class _Recorder:
 
 def _energies(energy: Any) -> dict[str, float]:
     return {**asdict(energy), "total": energy.total}
-
-
-def _hash(simulation: Simulation) -> str:
-    digest = hashlib.sha256()
-    for values in (simulation.positions(), simulation.velocities()):
-        digest.update(np.ascontiguousarray(values).tobytes())
-    return digest.hexdigest()
 
 
 __all__ = ["RENDERERS", "VIDEOS", "RunOptions", "Summary", "run"]

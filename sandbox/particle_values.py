@@ -1,25 +1,38 @@
 """One number a particle, to colour it by: its speed, or the largest strain of its springs."""
 
-import math
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import taichi as ti
+from numpy.typing import NDArray
 
 from sandbox import runtime
+from sandbox.scene.assemble import Assembly
 from sandbox.scene.model import ColorBy
-from sandbox.simulation import Simulation
-from sandbox.state import place
+from sandbox.scene.scale import usual_largest
+from sandbox.state import ParticleState, place
 
-_USUAL_STRAIN = 0.25
-"""Top of the strain scale where the scene gives none [1]."""
+FloatArray = NDArray[np.float64]
+
+
+class Valued(Protocol):
+    """A simulation, or a stored run."""
+
+    @property
+    def state(self) -> ParticleState: ...
+
+    @property
+    def laws(self) -> list[Any]: ...
+
+    @property
+    def assembly(self) -> Assembly: ...
 
 
 @ti.data_oriented
 class ParticleValues:
     """Speed [m/s] or strain [1] of every particle, in a field of its own."""
 
-    def __init__(self, simulation: Simulation, shown: ColorBy) -> None:
+    def __init__(self, simulation: Valued, shown: ColorBy) -> None:
         self.simulation = simulation
         self.state = simulation.state
         self.shown = shown
@@ -29,21 +42,23 @@ class ParticleValues:
         self.values = place(builder, ti.field(runtime.real()), self.state.count)
         builder.finalize()
 
+    def current(self) -> "ParticleValues":
+        """These, or new ones where the simulation has built its fields anew since."""
+        return self if self.simulation.state is self.state else ParticleValues(self.simulation, self.shown)
+
     def update(self) -> ti.Field:
         """Compute the values of the state now and return their field, shape (particle_count,)."""
         self._fill(self.state.slot)
         return self.values
 
+    def show(self, values: FloatArray) -> ti.Field:
+        """Take values from elsewhere, shape (particle_count,), in the order of the fields; return their field."""
+        self._take(np.ascontiguousarray(values))
+        return self.values
+
     def expected_largest(self) -> float:
         """A round number that the values are likely to reach: a top for the colour scale."""
-        if not self.by_speed:
-            return _USUAL_STRAIN
-        scene, assembly = self.simulation.scene, self.simulation.assembly
-        strength = float(np.linalg.norm(scene.gravity or (0.0,)))
-        low, high = assembly.appearance.bounds
-        falling = math.sqrt(2.0 * strength * float((high - low).max()))
-        start = float(np.linalg.norm(assembly.velocities, axis=1).max())
-        return _round_up(max(start, falling, 1e-3))
+        return usual_largest(self.shown, self.simulation.assembly)
 
     @ti.kernel
     def _fill(self, slot: int):
@@ -56,8 +71,7 @@ class ParticleValues:
                     value = ti.max(value, law.strain_on(i, slot))
             self.values[i] = value
 
-
-def _round_up(value: float) -> float:
-    """The next of 1, 2, 5 times a power of ten."""
-    power = 10.0 ** math.floor(math.log10(value))
-    return next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value * (1.0 - 1e-9))
+    @ti.kernel
+    def _take(self, values: ti.types.ndarray()):
+        for i in range(self.state.count):
+            self.values[i] = values[i]

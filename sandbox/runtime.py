@@ -6,6 +6,7 @@ reaches every field and kernel.
 """
 
 import contextlib
+import gc
 import io
 import os
 import weakref
@@ -76,6 +77,8 @@ def _stop() -> None:
     for owner in list(_owners):
         owner.suspend()
     _owners.clear()
+    # An array of Taichi's that is collected after Taichi has started anew takes the memory of a new one with it.
+    gc.collect()
     _current, _trees = None, 0
 
 

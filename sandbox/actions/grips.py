@@ -12,6 +12,9 @@ from sandbox.state import ParticleState, place
 
 FloatArray = NDArray[np.float64]
 
+ROUNDING = 1e-6
+"""Error of a time in f32, relative to it, at most [1]."""
+
 
 @dataclass(frozen=True)
 class Segment:
@@ -158,9 +161,12 @@ class Grips:
             part = ti.cast(1.0, self.exact)
             speed = ti.cast(0.0, self.exact)
             if lasts > 0.0:
-                part = ti.min(ti.max((now - self.times[g, 0]) / lasts, 0.0), 1.0)
-                if now >= self.times[g, 0] and now < self.times[g, 1]:
-                    speed = 1.0 / lasts
+                # Time comes in the precision of the rest: what is the end but for rounding is the end, and the grip
+                # rests there, whether or not a segment follows that says so.
+                if now < self.times[g, 1] * (1.0 - ROUNDING):
+                    part = ti.min(ti.max((now - self.times[g, 0]) / lasts, 0.0), 1.0)
+                    if now >= self.times[g, 0]:
+                        speed = 1.0 / lasts
             way = self.ends[g, 1] - self.ends[g, 0]
             # Both ends exactly: p + (q - p) w would miss q by rounding.
             self.target[g] = ti.cast((1.0 - part) * self.ends[g, 0] + part * self.ends[g, 1], self.real)

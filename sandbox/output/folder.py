@@ -4,19 +4,21 @@ import contextlib
 import json
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from sandbox.errors import SandboxError, SceneError
 
 _PREFIX = ".partial-"
+_EXPORTS = "exports.json"
+"""Names the files that belong to a run and are called after its scene."""
 # What a run may leave in its folder; a later run replaces or removes these and touches nothing else.
 _PRODUCTS = (
     "video.mp4", "video.webm", "video.gif", "frames", "poster.png", "metrics.csv", "summary.json", "scene.toml",
     "checkpoint.npz", "postmortem.png", "stability.json", "stability_map.csv", "stability_map.png", "trade.csv",
     "trade.json", "trade.png", "tune.json", "tuned.toml", "models.json",
-    "models.csv",
+    "models.csv", "trajectory.npz", "trajectory.zarr", "exports.json",
 )  # fmt: skip
 
 
@@ -65,12 +67,29 @@ class RunFolder:
         """Add a JSON file; numbers that are not finite become null, which JSON has and NaN is not."""
         self.write_text(name, json.dumps(_finite(data), indent=2, allow_nan=False) + "\n")
 
-    def publish(self) -> list[str]:
-        """Give all files their final names, take away what an earlier run left, and return the names."""
+    def claim(self, names: Sequence[str]) -> None:
+        """Say which files or folders beside the usual ones will come, so that a later run takes them away.
+
+        Raises SceneError where something is there already that no run has left.
+        """
+        earlier = exported(self.path)
+        for name in names:
+            if (self.path / name).exists() and name not in earlier:
+                raise SceneError(f"{self.path / name}: is there already, not of an earlier run; choose another --out")
+        self.write_json(_EXPORTS, {"files": [str(name) for name in names]})
+
+    def publish(self, adds: bool = False) -> list[str]:
+        """Give all files their final names, take away what an earlier run left, and return the names.
+
+        ``adds`` leaves of the earlier run what is not replaced.
+        """
         try:
             names = sorted(entry.name for entry in self.partial.iterdir())
-            for name in _PRODUCTS:
-                if name not in names or (self.path / name).is_dir():
+            earlier = exported(self.path)
+            if adds and _EXPORTS in names:
+                self.write_json(_EXPORTS, {"files": sorted({*earlier, *exported(self.partial)})})
+            for name in dict.fromkeys([*_PRODUCTS, *earlier]):
+                if (name not in names and not adds) or (name in names and (self.path / name).is_dir()):
                     _remove(self.path / name)
             for name in names:
                 (self.partial / name).replace(self.path / name)
@@ -85,6 +104,15 @@ class RunFolder:
         if self._made:
             with contextlib.suppress(OSError):
                 self.path.rmdir()
+
+
+def exported(folder: Path) -> list[str]:
+    """Files and folders of a run beside the usual ones."""
+    try:
+        names = json.loads((folder / _EXPORTS).read_text(encoding="utf-8"))["files"]
+        return [name for name in names if Path(name).name == name and not name.startswith(".")]
+    except (OSError, ValueError, KeyError, TypeError):
+        return []
 
 
 def _remove(path: Path) -> None:

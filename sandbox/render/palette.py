@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sandbox.scene.appearance import FloatArray
+from sandbox.scene.model import ColorBy
 
 BODY_PALETTE = ("#e4572e", "#2e86ab", "#f2a541", "#4ba36b", "#8e5ea2", "#d4638f", "#3bb3c3", "#7a8b99")
 """sRGB colours for bodies that name none: distinct in hue and lightness."""
@@ -11,6 +12,9 @@ BODY_PALETTE = ("#e4572e", "#2e86ab", "#f2a541", "#4ba36b", "#8e5ea2", "#d4638f"
 ENCODE_SIZE = 4096
 ENCODE_MAX = 2.0
 """Linear light above which the encoding table is saturated."""
+
+COLORMAPS = {ColorBy.SPEED: "viridis", ColorBy.STRAIN: "turbo"}
+"""Colour maps of what colours can show."""
 
 # Anchors of the colour maps, at equal steps; between them is interpolated in sRGB.
 _COLORMAP_ANCHORS = {

@@ -1,0 +1,1 @@
+"""Surfaces of bodies as files that other programs read."""
