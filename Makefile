@@ -20,8 +20,10 @@ bench: $(VENV)/.installed-dev
 	$(BIN)/python benchmarks/springs.py
 	$(BIN)/python benchmarks/crossover.py
 	$(BIN)/python benchmarks/startup.py
+	$(BIN)/python benchmarks/compiling.py
 	$(BIN)/python benchmarks/render_frame.py
 	$(BIN)/python benchmarks/torn_frame.py
+	$(BIN)/python benchmarks/renderers.py
 	$(BIN)/python benchmarks/contact.py
 	$(BIN)/python benchmarks/parts.py
 	$(BIN)/python benchmarks/ladder.py

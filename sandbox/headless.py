@@ -44,7 +44,7 @@ class RunOptions:
     out: Path | None = None
     """Run folder; outputs/NAME by default."""
     renderer: str = "taichi"
-    """taichi or none."""
+    """taichi, ggui or none."""
     video: str = "mp4"
     """mp4, webm, gif, png or none."""
     arch: str = "cpu"

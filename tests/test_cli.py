@@ -112,7 +112,7 @@ WRONG = [
     (("run", "jelly", "--set", "bodies.0.position=[1e8,0,0]"), "jelly: bodies: so far from the origin f32 rounds"),
     (("run", "jelly", "--set", "bodies.0.shape.cells=[4096,4096,4096]"), "makes 6.88e+10 particles, at most 2e+07"),
     (("run", "jelly", "--threads", "0"), "threads 0: must be at least 1"),
-    (("run", "jelly", "--renderer", "pencil"), "--renderer pencil: must be one of taichi, none"),
+    (("run", "jelly", "--renderer", "pencil"), "--renderer pencil: must be one of taichi, ggui, none"),
     (("run", "jelly", "--video", "avi"), "--video avi: must be one of mp4"),
     (("run", "jelly", "--resume", "none.npz"), "none.npz: cannot be read: No such file"),
     (("run", "jelly", "--out", "/dev/null/x"), "/dev/null/x: cannot be written: Not a directory"),

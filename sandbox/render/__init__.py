@@ -14,6 +14,7 @@ class RendererName(StrEnum):
     """Renderers, by the names that the command line takes."""
 
     TAICHI = "taichi"
+    GGUI = "ggui"
     NONE = "none"
 
 
@@ -29,3 +30,7 @@ def create_renderer(name: str, appearance: Appearance, render: Render) -> Render
             from sandbox.render.software import SoftwareRenderer
 
             return SoftwareRenderer(appearance, render)
+        case RendererName.GGUI:
+            from sandbox.render.ggui.renderer import open_ggui
+
+            return open_ggui(appearance, render)

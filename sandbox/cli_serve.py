@@ -1,0 +1,46 @@
+"""The command serve: a live scene in the browser."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sandbox.cli_options import SceneArgument, SetOption, WithOption, load
+from sandbox.errors import SceneError
+
+
+def serve(
+    scene: SceneArgument,
+    set_: SetOption = None,
+    with_: WithOption = None,
+    host: Annotated[str, typer.Option(help="Address to listen on; 0.0.0.0 for all machines.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="Port; 0 for any that is free.")] = 8080,
+    token: Annotated[
+        str | None,
+        typer.Option(
+            envvar="SANDBOX_TOKEN",
+            help="What browsers must know; made up where other machines reach the address. Better in the environment, "
+            "where other users of this machine do not see it.",
+        ),
+    ] = None,
+    record: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Leave what was done there, for run --actions.")
+    ] = None,
+    seconds: Annotated[float | None, typer.Option(help="End by itself after so long, in real time [s].")] = None,
+    shadows: Annotated[bool, typer.Option(help="Have things throw shadows; dear without a GPU.")] = True,
+    arch: Annotated[str, typer.Option(help="cpu, cuda, vulkan or metal.")] = "cpu",
+    precision: Annotated[str | None, typer.Option(help="f32 or f64; the scene's by default.")] = None,
+    threads: Annotated[int | None, typer.Option(help="CPU threads; all cores by default.")] = None,
+) -> None:
+    """Show a live scene in the browser: drag bodies with the mouse, change material and solver, record."""
+    loaded = load(scene, set_, fragments=with_)
+    from sandbox.serve.app import ServeOptions
+    from sandbox.serve.app import serve as serve_scene
+
+    options = ServeOptions(host, port, token, record, seconds, shadows, arch, precision, threads)
+    try:
+        end = serve_scene(loaded, options, lambda address: typer.echo(f"open {address} (Ctrl-C ends)"))
+    except SceneError as error:
+        named = str(error).startswith(("bodies", "diagnostics", "solver"))
+        raise SceneError(f"{scene}: {error}" if named else str(error)) from None
+    typer.echo(end)
