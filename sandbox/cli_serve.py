@@ -28,6 +28,7 @@ def serve(
     ] = None,
     seconds: Annotated[float | None, typer.Option(help="End by itself after so long, in real time [s].")] = None,
     shadows: Annotated[bool, typer.Option(help="Have things throw shadows; dear without a GPU.")] = True,
+    pictures: Annotated[float, typer.Option(help="Pictures sent a second; a slow browser gets fewer.")] = 60.0,
     arch: Annotated[str, typer.Option(help="cpu, cuda, vulkan or metal.")] = "cpu",
     precision: Annotated[str | None, typer.Option(help="f32 or f64; the scene's by default.")] = None,
     threads: Annotated[int | None, typer.Option(help="CPU threads; all cores by default.")] = None,
@@ -37,7 +38,7 @@ def serve(
     from sandbox.serve.app import ServeOptions
     from sandbox.serve.app import serve as serve_scene
 
-    options = ServeOptions(host, port, token, record, seconds, shadows, arch, precision, threads)
+    options = ServeOptions(host, port, token, record, seconds, shadows, arch, precision, threads, pictures)
     try:
         end = serve_scene(loaded, options, lambda address: typer.echo(f"open {address} (Ctrl-C ends)"))
     except SceneError as error:

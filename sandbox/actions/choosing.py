@@ -129,7 +129,7 @@ def _cross_triangle(a: FloatArray, b: FloatArray, p: FloatArray, q: FloatArray, 
     """Whether segments a to b, shape (S, 3), pass through a triangle."""
 
     def volume(one: FloatArray, two: FloatArray, three: FloatArray, four: FloatArray) -> FloatArray:
-        return np.einsum("...i,...i->...", np.cross(two - one, three - one), four - one)
+        return np.asarray(np.einsum("...i,...i->...", np.cross(two - one, three - one), four - one))
 
     through = (volume(p, q, r, a) >= 0.0) != (volume(p, q, r, b) >= 0.0)
     sides = [volume(a, b, one, two) >= 0.0 for one, two in ((p, q), (q, r), (r, p))]

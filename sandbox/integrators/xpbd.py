@@ -114,9 +114,7 @@ class Xpbd(Stepper):
         self._finish_parallel(slot, dt)
 
     @ti.kernel
-    def _run_serial(
-        self, slot: int, steps: int, iterations: int, decay: float, gain: float, dt: float, time: float
-    ):
+    def _run_serial(self, slot: int, steps: int, iterations: int, decay: float, gain: float, dt: float, time: float):
         ti.loop_config(serialize=True)
         for n in range(steps):
             start = self.slot_at(slot, n)

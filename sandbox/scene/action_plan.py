@@ -108,12 +108,12 @@ def check_indices(scene: Scene, particle_counts: Sequence[int]) -> None:
     """Raise SceneError where an action means a particle that its body does not have."""
     counts = dict(zip((body.name for body in scene.bodies), particle_counts, strict=True))
     for number, action in enumerate(scene.actions):
-        for index in action.indices if isinstance(action, Hold) and action.body is not None else ():
-            if index >= counts[action.body or ""]:
-                raise SceneError(
-                    f"actions[{number}].indices: there is no particle {index}; "
-                    f"{action.body!r} has {counts[action.body or '']}"
-                )
+        if not isinstance(action, Hold) or action.body is None:
+            continue
+        for index in action.indices:
+            if index >= counts[action.body]:
+                has = f"{action.body!r} has {counts[action.body]}"
+                raise SceneError(f"actions[{number}].indices: there is no particle {index}; {has}")
 
 
 def led_frames(

@@ -34,7 +34,7 @@ class ServeOptions:
     arch: str = "cpu"
     precision: str | None = None
     threads: int | None = None
-    pictures: float = 30.0
+    pictures: float = 60.0
     """Sent a second."""
 
 
@@ -53,6 +53,8 @@ def serve(scene: Scene, options: ServeOptions, tell: Callable[[str], None]) -> s
     access = Access.of(options.host, options.token)
     if options.seconds is not None and not options.seconds > 0.0:
         raise SceneError(f"--seconds {options.seconds:g}: must be > 0")
+    if not 1.0 <= options.pictures <= 240.0:
+        raise SceneError(f"--pictures {options.pictures:g}: must be between 1 and 240")
     if options.record is not None and not options.record.absolute().parent.is_dir():
         raise SceneError(f"--record {options.record}: there is no folder {options.record.parent}")
     from sandbox.serve.listener import open_port, serving

@@ -35,7 +35,7 @@ class Host:
     """A session that browsers watch and touch. Time stands still while none does."""
 
     def __init__(
-        self, session: Session, server: "viser.ViserServer", pictures: float = 30.0, shadows: bool = True
+        self, session: Session, server: "viser.ViserServer", pictures: float = 60.0, shadows: bool = True
     ) -> None:
         """``pictures`` are sent a second."""
         self.session, self._server = session, server
@@ -54,7 +54,7 @@ class Host:
         self._stale = True
         self._torn: IntArray | None = None
         self._torn_count = 0
-        self._read_at = -1.0
+        self._read_at = self._shown_at = -1.0
         server.on_client_disconnect(self._on_disconnect)
 
     def run(self, stop: threading.Event, seconds: float | None = None) -> None:
@@ -62,7 +62,8 @@ class Host:
         end = None if seconds is None else clock.perf_counter() + seconds
         while not stop.is_set() and (end is None or clock.perf_counter() < end):
             self.picture()
-            stop.wait(max(self.pace.wait(), 1e-3))
+            # Where there is not enough time, none is waited away.
+            stop.wait(1e-3 if self._is_behind else max(self.pace.wait(), 1e-3))
 
     def picture(self) -> None:
         """Obey, go on as far as is due, and send what has changed."""
@@ -71,7 +72,7 @@ class Host:
             self._go_on()
         else:
             self.pace.rest()
-        if self._stale:
+        if self._stale and not (self._is_behind and clock.perf_counter() - self._shown_at < self.pace.picture):
             self._show()
         if clock.perf_counter() - self._read_at >= _READING:
             self._read_out()
@@ -92,6 +93,11 @@ class Host:
         if ticks:
             self._advance(ticks)
         self.pace.took(ticks, clock.perf_counter() - start)
+
+    @property
+    def _is_behind(self) -> bool:
+        """True where the machine does not manage the speed that is asked for."""
+        return not self.pace.paused and self.pace.tick_cost * self.pace.speed > self.pace.tick
 
     def _advance(self, ticks: int) -> None:
         """Go on by some ticks. What goes wrong stops time, not the page."""
@@ -122,6 +128,7 @@ class Host:
             self._torn = np.asarray(simulation.torn.to_numpy(), dtype=np.int32) if count else None
         self.stage.show(simulation.state.read()[0], simulation.time, self._torn, torn_is_new)
         self.pictures += 1
+        self._shown_at = clock.perf_counter()
         self._stale = False
 
     def _read_out(self) -> None:

@@ -128,7 +128,8 @@ _fields = {
     "force": _forces, "impulse": _forces, "amplitude": _vectors, "frequency": st.floats(0.1, 1e4),
     "velocity": _vectors, "normal": _vectors, "from": _vectors, "to": _vectors, "factor": st.floats(1e-4, 1e4),
     "indices": st.lists(st.integers(0, 30), max_size=3), "stiffness": st.floats(1.0, 1e12),
-    "max_force": st.floats(1.0, 1e12), "dt": st.floats(1e-4, 1.0), "amount": st.floats(-1.0, 1.0, allow_subnormal=False),
+    "max_force": st.floats(1.0, 1e12), "dt": st.floats(1e-4, 1.0),
+    "amount": st.floats(-1.0, 1.0, allow_subnormal=False),
     "integrator": st.sampled_from(["symplectic_euler", "rk4", "nonsense"]),
     "path": st.lists(st.fixed_dictionaries({"time": _times, "position": _vectors}), max_size=3),
 }  # fmt: skip
@@ -159,7 +160,9 @@ def test_any_file_is_taken_or_refused_with_one_line(done):
     except SceneError as error:
         assert "\n" not in str(error) and "actions" in str(error)
         return
-    assert scene_from_data(tomllib.loads(tomli_w.dumps(scene.model_dump(mode="json", exclude_none=True))), None) == scene
+    assert (
+        scene_from_data(tomllib.loads(tomli_w.dumps(scene.model_dump(mode="json", exclude_none=True))), None) == scene
+    )
 
 
 @pytest.fixture(scope="module")

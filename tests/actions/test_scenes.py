@@ -133,12 +133,21 @@ def test_a_breeze_blows_between_its_times(simulate):
     ("action", "message"),
     [
         ({"kind": "grab", "start": 1.0, "end": 0.5, "point": [0, 0]}, "actions[0]: end must be later than start"),
-        ({"kind": "cut", "time": 0.1, "point": [0, 0]}, "actions[0]: give a plane (point, normal) or a blade (from, to)"),
-        ({"kind": "cut", "start": 0.1, "point": [0, 0], "normal": [1, 0]}, "actions[0]: give either time, or start and"),
+        (
+            {"kind": "cut", "time": 0.1, "point": [0, 0]},
+            "actions[0]: give a plane (point, normal) or a blade (from, to)",
+        ),
+        (
+            {"kind": "cut", "start": 0.1, "point": [0, 0], "normal": [1, 0]},
+            "actions[0]: give either time, or start and",
+        ),
         ({"kind": "cut", "time": 0.1, "from": [0, 0], "to": [1, 0], "sweep": [0, 1]}, "actions[0].sweep: is for 3D"),
         ({"kind": "push", "start": 0, "end": 1, "force": [0, 1]}, "actions[0]: give body, region, or point and radius"),
         ({"kind": "move", "collider": "x", "path": [{"time": 1.0}]}, "actions[0].collider: there is no collider 'x'"),
-        ({"kind": "move", "body": "box", "path": [{"time": 1.0}]}, "'box' has no particles that are pinned from the st"),
+        (
+            {"kind": "move", "body": "box", "path": [{"time": 1.0}]},
+            "'box' has no particles that are pinned from the st",
+        ),
         ({"kind": "spawn", "time": 1.0, "body": "nobody"}, "actions[0].body: there is no body 'nobody'"),
         ({"kind": "soften", "time": 1.0, "factor": 2.0}, "actions[0].factor: must be <= 1, got 2"),
         ({"kind": "pin", "time": 1.0, "body": "box", "indices": [99]}, "actions[0].indices: there is no particle 99"),

@@ -39,7 +39,8 @@ def screen() -> Iterator[dict[str, str]]:
         if shutil.which(name) is None:
             pytest.skip(f"{name} is not installed; Debian has it in {name.lower()}")
     reading, writing = os.pipe()
-    command = ["Xvfb", "-displayfd", str(writing), "-screen", "0", "1280x800x24", "-nolisten", "tcp"]
+    # Without -noreset it starts anew, deaf for a moment, whenever the last program lets go of it.
+    command = ["Xvfb", "-displayfd", str(writing), "-screen", "0", "1280x800x24", "-nolisten", "tcp", "-noreset"]
     server = subprocess.Popen(command, pass_fds=[writing], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     os.close(writing)
     try:

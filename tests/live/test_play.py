@@ -148,6 +148,14 @@ def test_without_a_screen_a_line_says_so(run_cli, jelly_file, monkeypatch, tmp_p
     assert not (tmp_path / "actions.toml").exists()
 
 
+def test_with_a_screen_that_is_not_there_a_line_says_so(driver, run_cli, jelly_file, monkeypatch):
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.setenv("DISPLAY", ":4711")
+    code, printed, errors = run_cli("play", jelly_file)
+    assert (code, printed) == (1, "")
+    assert "no window can be opened" in errors and errors.count("\n") == 1
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

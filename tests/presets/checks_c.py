@@ -3,6 +3,7 @@
 A check takes the simulation at its end, a measurement and the positions [m] of every picture.
 """
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -39,7 +40,7 @@ def jelly_is_in_two(simulation: Simulation, history: Sequence[Measurement], snap
 
 def wound_is_open(simulation: Simulation, history: Sequence[Measurement], snapshots: Sequence[Positions]) -> None:
     torn = [history[_picture(simulation, time)].torn for time in (1.0, 1.5, 1.95, 2.65, 3.25, 5.9)]
-    assert torn[0] == 0 and all(later > earlier for earlier, later in zip(torn[:4], torn[1:5], strict=True))
+    assert torn[0] == 0 and all(later > earlier for earlier, later in itertools.pairwise(torn[:5]))
     assert torn[5] == torn[4]
     start = snapshots[0]
     lips = [(np.abs(start[:, 0] - side * 0.05) < 0.03) & (np.abs(start[:, 2]) < 0.2) for side in (-1.0, 1.0)]
@@ -53,7 +54,9 @@ def wound_is_open(simulation: Simulation, history: Sequence[Measurement], snapsh
     assert simulation.positions()[:, 1].min() > 0.1  # the clamps still hold it
 
 
-def beam_rises_and_tilts(simulation: Simulation, history: Sequence[Measurement], snapshots: Sequence[Positions]) -> None:
+def beam_rises_and_tilts(
+    simulation: Simulation, history: Sequence[Measurement], snapshots: Sequence[Positions]
+) -> None:
     beam = _particles(simulation)["beam"]
     height = _centres(snapshots, beam)[:, 1]
     flat, lifted = height[_picture(simulation, 0.8)], height[_picture(simulation, 4.6)]

@@ -19,6 +19,7 @@ needs_viser = pytest.mark.skipif(importlib.util.find_spec("viser") is None, reas
         ("--port 70000: must be between 0 and 65535", ["--port", "70000"]),
         ("--host no.such.host.invalid: there is no such address", ["--host", "no.such.host.invalid"]),
         ("--seconds -1: must be > 0", ["--seconds", "-1"]),
+        ("--pictures 0: must be between 1 and 240", ["--pictures", "0"]),
         ("--record nowhere/done.toml: there is no folder nowhere", ["--record", "nowhere/done.toml"]),
         ("bodies[0].nonsense", ["--set", "bodies.0.nonsense=1"]),
     ],

@@ -33,7 +33,7 @@ def served():
     listening = open_port("127.0.0.1", 0)
     port = listening.getsockname()[1]
     with serving(listening, Access.of("127.0.0.1")) as server:
-        host = Host(Session(scene), server)
+        host = Host(Session(scene), server, pictures=30.0)
         host.warm_up()
         yield host, port
 

@@ -88,7 +88,7 @@ class DrawingProcess:
         except queue.Empty:
             raise DriverError(f"the Vulkan driver has not drawn for {seconds:g} s") from None
         if answer is _GONE:
-            raise DriverError(f"the Vulkan driver crashed{self._last_words()}")
+            raise self._death()
         return answer
 
     def close(self) -> None:
@@ -111,7 +111,7 @@ class DrawingProcess:
             pickle.dump(message, self._process.stdin)
             self._process.stdin.flush()
         except OSError:
-            raise DriverError(f"the Vulkan driver crashed{self._last_words()}") from None
+            raise self._death() from None
 
     def _listen(self) -> None:
         assert self._process.stdout is not None
@@ -119,6 +119,12 @@ class DrawingProcess:
             while True:
                 self._answers.put(pickle.load(self._process.stdout))
         self._answers.put(_GONE)
+
+    def _death(self) -> DriverError:
+        words = self._last_words()
+        if "GLFW" in words:
+            return DriverError("no window can be opened on the screen that DISPLAY names")
+        return DriverError(f"the Vulkan driver crashed{words}")
 
     def _last_words(self) -> str:
         """How the process ended, and the last line that it wrote."""
