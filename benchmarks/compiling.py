@@ -1,9 +1,11 @@
-"""What Taichi's analysis of control flow, which the sandbox leaves out on the CPU, costs and brings.
+"""What Taichi's analysis of control flow costs and brings.
 
     python benchmarks/compiling.py [ROUNDS]
 
 For some scenes, schemes and the renderer, with it and without it: the time until the first picture is simulated with
-nothing compiled before, and the time of later pictures. In processes of their own, in turns; medians and ratios.
+nothing compiled before, and the time of later pictures. In processes of their own, in turns; medians and ratios. The
+sandbox keeps it, though scenes with many colliders would compile several times as soon without: kernels are rounded
+otherwise then, and contact no longer comes to the bits of its all-pairs twin (tests/contact).
 """
 
 import json

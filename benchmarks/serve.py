@@ -151,7 +151,7 @@ def main() -> None:
     """Measure at 30 pictures a second, and at the usual rate."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=10.0)
-    parser.add_argument("--size", default="640x360", help="of the page; without a GPU every pixel is dear")
+    parser.add_argument("--size", default="480x270", help="of the page; without a GPU every pixel is dear")
     parser.add_argument("--shadows", action="store_true")
     parser.add_argument("--antialias", action="store_true")
     options = parser.parse_args()

@@ -148,10 +148,6 @@ def _initialise(wanted: Settings) -> None:
         "log_level": ti.INFO if wanted.verbose else ti.ERROR,
         "random_seed": 0,
     }
-    if wanted.arch == "cpu":
-        # Taichi's own analysis of control flow is most of the time to compile, and LLVM does its work once more:
-        # kernels are as fast without it, and there three to five times as soon (benchmarks/compiling.py).
-        options["cfg_optimization"] = False
     if wanted.threads is not None:
         options["cpu_max_num_threads"] = wanted.threads
     hidden = {name: os.environ.pop(name) for name in _OVERRULING if name in os.environ}

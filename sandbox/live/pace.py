@@ -29,8 +29,7 @@ class Pace:
         """Simulated time that was left out since the start [s]: there was no time for it."""
         self.tick_cost = 0.0
         """Wall time of a tick, lately [s]; 0 while not known."""
-        self.real_time_factor = 0.0
-        """Simulated seconds a second of wall time, lately [1]."""
+        self._simulated = self._passed = 0.0
         self._now = now
         self._debt = 0.0
         self._looked: float | None = None
@@ -39,22 +38,30 @@ class Pace:
     def due(self) -> int:
         """Ticks for the picture that begins now."""
         now = self._now()
-        since = self.picture if self._looked is None else min(now - self._looked, LONGEST_PAUSE)
+        passed = self.picture if self._looked is None else now - self._looked
+        since = min(passed, LONGEST_PAUSE)
         self._looked = now
-        self._next = now + self.picture if self._next is None else max(self._next + self.picture, now)
+        # Who asks before a picture is due, as one who is behind does, need not wait the longer afterwards.
+        self._next = now + self.picture if self._next is None else max(self._next, now - self.picture) + self.picture
+        self._next = min(self._next, now + self.picture)
         if self.paused:
             self._debt = 0.0
             return 0
         self._debt += self.speed * since
         wanted = int(self._debt / self.tick + 1e-6)
         taken = min(wanted, self._affordable)
-        self.lost += (wanted - taken) * self.tick
+        self.lost += (wanted - taken) * self.tick + self.speed * (passed - since)
         # What is less than a tick waits for the next picture.
         self._debt -= wanted * self.tick
-        if since > 0.0:
-            factor = taken * self.tick / since
-            self.real_time_factor = _mean(self.real_time_factor, factor)
+        # Each apart: a mean of quotients would make little of the pictures that took long.
+        self._simulated = _MEMORY * self._simulated + taken * self.tick
+        self._passed = _MEMORY * self._passed + passed
         return taken
+
+    @property
+    def real_time_factor(self) -> float:
+        """Simulated seconds a second of wall time, lately [1]; 0 while not known."""
+        return self._simulated / self._passed if self._passed > 0.0 else 0.0
 
     @property
     def _affordable(self) -> int:
@@ -75,7 +82,7 @@ class Pace:
     def rest(self) -> None:
         """Forget the clock and what was measured: nobody looked, or the solver has become another one."""
         self._debt, self._looked, self._next = 0.0, None, None
-        self.tick_cost = self.real_time_factor = 0.0
+        self.tick_cost = self._simulated = self._passed = 0.0
 
 
 def _mean(before: float, now: float) -> float:

@@ -65,6 +65,28 @@ def test_a_hiccup_is_made_up_for_but_a_long_sleep_is_not():
     assert pace.due() == 8
     clock.now += 60.0
     assert pace.due() <= LONGEST_PAUSE / TICK + 1
+    assert pace.lost == pytest.approx(60.0 - LONGEST_PAUSE, abs=0.1)
+
+
+def test_who_asks_before_a_picture_is_due_need_not_wait_longer_afterwards():
+    clock = Clock()
+    pace = Pace(TICK, 30.0, clock)
+    for _ in range(100):
+        pace.due()
+        clock.now += 1e-3
+    assert pace.wait() <= pace.picture
+
+
+def test_the_speed_that_is_told_is_the_true_one_where_some_pictures_take_long():
+    """One picture in three stalls: what is simulated over all of the time counts, not the mean over pictures."""
+    clock = Clock()
+    pace = Pace(TICK, 30.0, clock)
+    ticks, start = 0, clock.now
+    for picture in range(60):
+        ticks += play(pace, clock, cost=0.5 * TICK, pictures=1, other=0.4 if picture % 3 == 0 else 0.0)
+    truth = ticks * TICK / (clock.now - start)
+    assert truth < 0.9
+    assert pace.real_time_factor == pytest.approx(truth, rel=0.2)
 
 
 def test_no_time_goes_by_while_paused_and_none_is_made_up_for():

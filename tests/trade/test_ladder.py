@@ -50,7 +50,7 @@ def test_by_default_every_scheme_has_its_longest_stable_step_and_none_is_dear(pr
             assert rung.dt == longest or dear <= DEAREST * 1.2  # steps are rounded to whole ones afterwards
         assert {rung.iterations for rung in own_rungs} == (set(ITERATIONS) if prospect.iterates else {None})
     doubles = {rung.integrator for rung in rungs if rung.precision is Precision.F64}
-    assert doubles == {IntegratorName.VELOCITY_VERLET, IntegratorName.RK4}
+    assert doubles == {IntegratorName.RK4}
 
 
 def test_what_is_asked_for_is_tried_whatever_it_costs(prospects):

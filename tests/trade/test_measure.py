@@ -129,7 +129,7 @@ def test_a_killed_command_goes_on_where_it_was(tmp_path, run_cli, monkeypatch):
         (row["error"], row["energy_error"]) for row in others
     ]
     data = json.loads((out / "trade.json").read_text())
-    assert data["reference"]["bound"] > 0.0 and len(data["rows"]) == 6
+    assert data["reference"]["bound"] > 0.0 and len(data["rows"]) == 5
     assert all(float(row["seconds"]) > 0.0 for row in rows)
 
 
