@@ -7,7 +7,8 @@ from sandbox.actions.choosing import Grip, gripped
 from sandbox.actions.event import Event, Situation
 from sandbox.actions.grips import Segment
 from sandbox.pipeline import Memory
-from sandbox.scene.model import Action, Grab
+from sandbox.scene.action_plan import most_at_once
+from sandbox.scene.model import Action, Grab, Push, Shake
 
 
 class Acting:
@@ -90,6 +91,14 @@ class Acting:
         simulation = self.simulation
         positions = simulation.assembly.internal_order(simulation.positions())
         return gripped(simulation.assembly, positions, self.actor.free, action)
+
+    def has_room(self, action: Action) -> bool:
+        """Whether there is room for a grab, a push or a shake beside the others of its time."""
+        room = {Grab: self.actor.plan.grips, Push: self.actor.plan.pushes, Shake: self.actor.plan.shakes}
+        for kind, most in room.items():
+            if isinstance(action, kind):
+                return most_at_once([*(a for a in self.actor.actions if isinstance(a, kind)), action]) <= most
+        return True
 
     @property
     def free_hands(self) -> int:

@@ -11,6 +11,7 @@ import typer
 
 from sandbox import __version__, cli_export, cli_live, cli_serve, cli_studies
 from sandbox.cli_options import (
+    ActionsOption,
     JsonOption,
     SceneArgument,
     SetOption,
@@ -60,9 +61,7 @@ def run(
     precision: Annotated[str | None, typer.Option(help="f32 or f64; the scene's by default.")] = None,
     threads: Annotated[int | None, typer.Option(help="CPU threads; all cores by default.")] = None,
     resume: Annotated[Path | None, typer.Option(metavar="FILE", help="Go on from a checkpoint.")] = None,
-    actions: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="What is done to the bodies: a file of actions, or a recording.")
-    ] = None,
+    actions: ActionsOption = None,
     trajectory: cli_export.TrajectoryOption = None,
     export: cli_export.ExportOption = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
@@ -259,9 +258,12 @@ def validate(
     file: Annotated[str, typer.Argument(metavar="FILE", help="A scene file, or a preset's name.")],
     set_: SetOption = None,
     with_: WithOption = None,
+    actions: ActionsOption = None,
 ) -> None:
-    """Check a scene file; say in one line what is wrong with it."""
+    """Check a scene file, and what is done to it; say in one line what is wrong."""
     loaded = load(file, set_, fragments=with_)
+    if actions is not None:
+        loaded, _ = act_on(loaded, actions, None)
     from sandbox.scene.assemble import assemble
 
     try:

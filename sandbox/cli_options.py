@@ -21,6 +21,10 @@ WithOption = Annotated[
     list[Path] | None,
     typer.Option("--with", metavar="FILE", help="TOML laid over the scene, such as what tune writes. Repeatable."),
 ]
+ActionsOption = Annotated[
+    Path | None,
+    typer.Option("--actions", metavar="FILE", help="What is done to the bodies: a file of actions, or a recording."),
+]
 _SHORTCUTS = {"duration": "seconds", "render.fps": "fps", "render.size": "size"}
 _Item = TypeVar("_Item")
 _Name = TypeVar("_Name", bound=StrEnum)

@@ -5,6 +5,7 @@ import math
 import os
 import platform
 import time as clock
+import warnings
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from sandbox import __version__, checkpoint
 from sandbox.balance import EnergyBalance
+from sandbox.diagnostics import Measurement
 from sandbox.errors import DivergedError, SceneError
 from sandbox.exports import FrameRecorder, check_outputs
 from sandbox.output.folder import RunFolder
@@ -25,6 +27,7 @@ from sandbox.output.metrics import MetricsWriter
 from sandbox.output.progress import NoProgress, ProgressReport
 from sandbox.output.video import PictureWriter, open_writer
 from sandbox.particle_values import ParticleValues
+from sandbox.recording import late_actions
 from sandbox.render import NullRenderer, Renderer, RendererName, create_renderer
 from sandbox.render.overlay import mark
 from sandbox.scene.load import to_toml
@@ -162,6 +165,8 @@ def run(scene: Scene, options: RunOptions, progress: ProgressReport | None = Non
     last good state was written.
     """
     check_options(options)
+    for line in late_actions(scene):
+        warnings.warn(line, stacklevel=2)
     start = clock.perf_counter()
     folder = RunFolder(options.folder)
     failure: BaseException | None = None
@@ -262,11 +267,18 @@ class _Recorder:
             self._note_tears(measured.torn, simulation.time)
             if self.balance is not None:
                 self.balance.add(measured)
-            # The poster shows the moment of largest deformation; without springs, the middle of the run.
-            merit = measured.energy.elastic if simulation.spring_count else -abs(number - 0.5 * count)
+            merit = self._merit(measured, (number - 0.5) / count)
             self._draw(merit)
             self._write_down(number, merit)
             progress.update(simulation.time, self._real_time_factor())
+
+    def _merit(self, measured: Measurement, part: float) -> float:
+        """What the state now is worth as a poster, when so much of the run is over [1]."""
+        wanted = self.scene.render.poster
+        if wanted is not None:
+            return -abs(self.simulation.time - wanted)
+        # The moment of largest deformation; without springs, the middle of the run.
+        return measured.energy.elastic if self.simulation.spring_count else -abs(part - 0.5)
 
     def _advance_to(self, time: float) -> None:
         """On to a time [s]; in a recording that runs again by its ticks, to the last one that ends by then."""

@@ -60,6 +60,21 @@ def fingerprint(scene: Scene) -> str:
     return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
 
 
+def begin_of(action: Action) -> float:
+    """When an action begins [s]."""
+    times = (getattr(action, name, None) for name in ("start", "time"))
+    return next((time for time in times if time is not None), 0.0)
+
+
+def late_actions(scene: Scene) -> list[str]:
+    """One line for every action that begins only when the run is over."""
+    lines = []
+    for number, action in enumerate(scene.actions):
+        if (begins := begin_of(action)) >= scene.duration:
+            lines.append(f"actions[{number}]: begins at {begins:g} s, when the run is over ({scene.duration:g} s)")
+    return lines
+
+
 def with_actions(scene: Scene, file: ActionFile, source: str) -> Scene:
     """The scene with what the file does to it. Raises SceneError where they do not fit together."""
     if file.recording is not None and file.recording.scene_sha256 not in ("", fingerprint(scene)):

@@ -19,7 +19,7 @@ from sandbox.actions.actor import check_live
 from sandbox.actions.choosing import Grip
 from sandbox.actions.grips import Segment
 from sandbox.errors import SceneError
-from sandbox.recording import ActionFile, Header, fingerprint, write
+from sandbox.recording import ActionFile, Header, begin_of, fingerprint, write
 from sandbox.scene.load import check_action, describe
 from sandbox.scene.model import Action, Grab, Interaction, Scene, Waypoint
 from sandbox.simulation import Simulation
@@ -176,8 +176,14 @@ class Session:
         assert not isinstance(action, Mapping)
         check_live(action)
         check_action(self.simulation.scene, action)
-        if isinstance(action, Grab) and self._acting.free_hands <= 0:
-            raise SceneError("action: all hands are full")
+        begins = begin_of(action)
+        if begins < self.simulation.time:
+            raise SceneError(f"action: begins at {begins:g} s, which is over by {self.simulation.time:g} s")
+        if not self._acting.has_room(action):
+            full = (
+                "all hands are full" if isinstance(action, Grab) else f"no room for one more {action.kind} at that time"
+            )
+            raise SceneError(f"action: {full}; interaction says how much room there is")
         self._acting.act(action)
 
     def change_solver(self, integrator: str | None = None, dt: float | str | None = None) -> None:

@@ -71,6 +71,8 @@ class Actor:
         self.led = np.ones(len(self.base.carried.particles), dtype=bool)
         """True where particles that were carried at the start still are, shape (C,)."""
         self.entered = np.array([i not in self.plan.entering for i in range(len(self.base.scene.bodies))])
+        self._parting: set[int] = set()
+        """Cuts that have parted something."""
         self.grips: list[int] = [-1] * self.plan.grips
         """Action that has every grip, or -1."""
         self.shakes: list[int] = [-1] * self.plan.shakes
@@ -151,14 +153,14 @@ class Actor:
             case Shake():
                 return self._shake(event.action, action, now)
             case Poke():
-                return self._poke(action, now)
+                return self._poke(event.action, action, now)
             case Cut():
                 parts = len(moments(*action.span)) - 1
-                return self._cut(action, now, event.part / parts, (event.part + 1) / parts)
+                return self._cut(event, action, now, parts)
             case Stiffen() | Soften():
-                return self._reform(action, now, len(moments(*action.span)) - 1)
+                return self._reform(event.action, action, now, len(moments(*action.span)) - 1)
             case PinDown() | Unpin():
-                return self._hold(action, now)
+                return self._hold(event.action, action, now)
             case Spawn():
                 return self._spawn(action, now)
             case _:
@@ -232,27 +234,34 @@ class Actor:
 
     # -- once and for all ---------------------------------------------------------------------------
 
-    def _poke(self, action: Poke, now: Situation) -> Change:
+    def _poke(self, number: int, action: Poke, now: Situation) -> Change:
         x, v, seen = now.state
         struck = chosen(now.assembly, x, action) & ~self.held
         if not struck.any():
-            self._nothing(self.actions.index(action), "poke")
+            self._nothing(number, "poke")
             return Change()
         gain = np.where(struck[:, None], np.asarray(action.impulse) / self.base.masses[struck].sum(), 0.0)
         return Change(state=(x, v + gain, seen + gain))
 
-    def _cut(self, action: Cut, now: Situation, begin: float, end: float) -> Change:
+    def _cut(self, event: Event, action: Cut, now: Situation, parts: int) -> Change:
+        begin, end = event.part / parts, (event.part + 1) / parts
         parted = np.asarray(crossed(now.assembly, now.state[0], action, begin, end) & (self.factors > 0.0))
         if not parted.any():
+            if event.part + 1 == parts and event.action not in self._parting:
+                self._nothing(event.action, "cut")
             return Change()
+        self._parting.add(event.action)
         self.factors[parted] = 0.0
         marks = now.memory["springs.torn"].copy()
         marks[parted] = 1.0
         return self._sprung(now, {"springs.torn": marks}, parted, 0.0)
 
-    def _reform(self, action: Stiffen | Soften, now: Situation, parts: int) -> Change:
+    def _reform(self, number: int, action: Stiffen | Soften, now: Situation, parts: int) -> Change:
         mask = chosen(now.assembly, now.state[0], action)
         reformed = np.asarray(mask[now.assembly.springs].all(axis=1))
+        if not reformed.any():
+            self._nothing(number, action.kind)
+            return Change()
         factor = action.factor ** (1.0 / parts)
         self.factors[reformed] *= factor
         change = self._sprung(now, {}, reformed, factor)
@@ -267,8 +276,11 @@ class Actor:
                 memory[name] = np.where(which[numbers], factor, 1.0) * now.memory[name]
         return Change(assembly=self.current(), memory=memory)
 
-    def _hold(self, action: PinDown | Unpin, now: Situation) -> Change:
+    def _hold(self, number: int, action: PinDown | Unpin, now: Situation) -> Change:
         mask = chosen(now.assembly, now.state[0], action) & self.entered[self.base.particle_body]
+        if not mask.any():
+            self._nothing(number, action.kind)
+            return Change()
         x, v, seen = now.state
         if isinstance(action, PinDown):
             self.held = self.held | mask

@@ -61,7 +61,8 @@ class Grip:
 def gripped(assembly: Assembly, positions: FloatArray, free: Mask, action: Grab) -> Grip | None:
     """What a hand takes: the particle nearest to a point, or that a ray meets first, and its body's near it.
 
-    ``free`` particles can be grabbed, shape (N,). None where there is nothing to grab.
+    ``free`` particles can be grabbed, shape (N,). None where there is nothing to grab, or nothing within the
+    reach that the action gives.
     """
     numbers = np.nonzero(particles_of(assembly, action.body) & free)[0]
     if len(numbers) == 0:
@@ -69,6 +70,8 @@ def gripped(assembly: Assembly, positions: FloatArray, free: Mask, action: Grab)
     apart = positions[numbers] - np.asarray(action.point)
     if action.direction is None:
         nearest = int(numbers[np.argmin(np.einsum("ij,ij->i", apart, apart))])
+        if action.radius is not None and np.linalg.norm(positions[nearest] - action.point) > action.radius:
+            return None
     else:
         direction = np.asarray(action.direction) / np.linalg.norm(action.direction)
         depth = apart @ direction

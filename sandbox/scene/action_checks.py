@@ -2,10 +2,13 @@
 
 from collections.abc import Iterable
 
-from sandbox.scene.model import Action, Choice, Cut, Grab, Move, Pump, Scene, Shake, Spawn
+from sandbox.scene.model import Action, Choice, Cut, Grab, Model, Move, Pump, Scene, Shake, Spawn
 
 Problem = tuple[str, str]
 """Where in the scene, and what is wrong there."""
+
+LARGEST = 1e15
+"""Largest number that is taken, as of bodies: its square is still far from the end of f32 [any]."""
 
 
 def action_problems(scene: Scene) -> Iterable[Problem]:
@@ -22,6 +25,9 @@ def action_problems(scene: Scene) -> Iterable[Problem]:
 
 
 def _problems(scene: Scene, action: Action) -> Iterable[Problem]:
+    for place, number in _numbers(action):
+        if abs(number) > LARGEST:
+            yield place, f"must not be beyond {LARGEST:g}, got {number:g}"
     bodies = {body.name: body for body in scene.bodies}
     name = getattr(action, "body", None)
     if isinstance(action, Pump):
@@ -42,6 +48,17 @@ def _problems(scene: Scene, action: Action) -> Iterable[Problem]:
             yield "region", "min must not be above max"
     if isinstance(action, Shake) and not any(action.amplitude):
         yield "amplitude", "must not be the zero vector"
+
+
+def _numbers(part: Model) -> Iterable[tuple[str, float]]:
+    """Every number of an action, and where it is."""
+    for name, field in type(part).model_fields.items():
+        value, place = getattr(part, name), field.alias or name
+        for entry in value if isinstance(value, tuple) else (value,):
+            if isinstance(entry, Model):
+                yield from ((f"{place}.{inner}", number) for inner, number in _numbers(entry))
+            elif isinstance(entry, float):
+                yield place, entry
 
 
 def _move_problems(scene: Scene, action: Move) -> Iterable[Problem]:

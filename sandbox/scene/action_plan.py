@@ -65,9 +65,9 @@ class ActionPlan:
             return any(isinstance(action, kinds) for action in actions)
 
         return cls(
-            grips=_most_at_once([a for a in actions if isinstance(a, Grab)]) + _room(live, "grips"),
-            shakes=_most_at_once([a for a in actions if isinstance(a, Shake)]) + _room(live, "shakes"),
-            pushes=_most_at_once([a for a in actions if isinstance(a, Push)]) + _room(live, "pushes"),
+            grips=most_at_once([a for a in actions if isinstance(a, Grab)]) + _room(live, "grips"),
+            shakes=most_at_once([a for a in actions if isinstance(a, Shake)]) + _room(live, "shakes"),
+            pushes=most_at_once([a for a in actions if isinstance(a, Push)]) + _room(live, "pushes"),
             cuts=has(Cut) or live is not None,
             holds=has(PinDown, Unpin, Spawn) or live is not None,
             reforms=has(Stiffen, Soften) or live is not None,
@@ -79,7 +79,7 @@ def _room(live: Interaction | None, name: str) -> int:
     return 0 if live is None else int(getattr(live, name))
 
 
-def _most_at_once(spans: Sequence[Grab | Push | Shake]) -> int:
+def most_at_once(spans: Sequence[Grab | Push | Shake]) -> int:
     """Most of these that last at the same time; one that ends gives its place to one that begins then."""
     moments = sorted([(span.start, 1) for span in spans] + [(span.end, -1) for span in spans])
     now = most = 0

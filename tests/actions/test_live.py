@@ -68,6 +68,29 @@ def test_a_poke_outside_of_all_bodies_is_told_and_does_nothing(session):
     assert session.simulation.measure().energy.kinetic == 0.0
 
 
+@pytest.mark.parametrize(
+    "action",
+    [
+        {"kind": "cut", "time": 0.0, "point": [20.0, 0.0], "normal": [1.0, 0.0]},
+        {"kind": "cut", "start": 0.0, "end": 0.02, "from": [20.0, 0.0], "to": [20.0, 1.0]},
+        {"kind": "grab", "start": 0.0, "end": 0.1, "point": [20.0, 0.0], "radius": 0.1},
+        {"kind": "pin", "time": 0.0, "point": [20.0, 0.0], "radius": 0.1},
+        {"kind": "stiffen", "time": 0.0, "point": [20.0, 0.0], "radius": 0.1, "factor": 2.0},
+    ],
+)
+def test_what_finds_nothing_is_told(session, action):
+    session.act(action)
+    with pytest.warns(ActionWarning, match=rf"actions\[0\]: finds nothing to {action['kind']}"):
+        _advance(session, 0.05)
+
+
+def test_a_path_may_begin_with_its_grab(session):
+    path = [{"time": 0.0, "position": [5.0, 0.0]}, {"time": 0.5, "position": [5.3, 0.2]}]
+    session.act({"kind": "grab", "start": 0.0, "end": 2.0, "point": [5.0, 0.0], "path": path})
+    _advance(session, 1.5)
+    assert session.simulation.positions()[-1] == pytest.approx([5.3, 0.2], abs=1e-3)
+
+
 def test_a_push_lasts_as_long_as_it_says(session):
     push = {"kind": "push", "start": 0.1, "end": 0.3, "body": "box", "force": [3.0, 0.0]}
     session.act(push)

@@ -99,6 +99,12 @@ def test_a_recording_of_another_scene_is_told(tmp_path):
         with_actions(_scene(gravity=[0.0, -1.0]), read(tmp_path / "acts.toml"), "acts.toml")
 
 
+def test_what_comes_too_late_is_told(tmp_path):
+    push = {"kind": "push", "start": 0.5, "end": 0.6, "body": "box", "force": [1.0, 0.0]}
+    with pytest.warns(UserWarning, match=r"actions\[0\]: begins at 0.5 s, when the run is over \(0.02 s\)"):
+        run(_scene(duration=0.02, actions=[push]), RunOptions("late", tmp_path / "out", renderer="none"))
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -112,6 +118,7 @@ def test_a_recording_of_another_scene_is_told(tmp_path):
 def test_a_broken_file_is_one_line(text, message, refuses, tmp_path):
     (tmp_path / "acts.toml").write_text(text)
     refuses(message, "run", "drop_2d", "--actions", tmp_path / "acts.toml")
+    refuses(message, "validate", "drop_2d", "--actions", tmp_path / "acts.toml")
 
 
 # Taichi's threads flush subnormal numbers to zero, Python's then too.

@@ -107,9 +107,9 @@ class Grab(_Span):
 
     @model_validator(mode="after")
     def _rises(self) -> "Grab":
-        times = [self.start, *(waypoint.time for waypoint in self.path)]
-        if any(later <= earlier for earlier, later in itertools.pairwise(times)):
-            raise PydanticCustomError("order", "times of the path must rise, and come after start", {})
+        times = [waypoint.time for waypoint in self.path]
+        if any(later <= earlier for earlier, later in itertools.pairwise(times)) or (times and times[0] < self.start):
+            raise PydanticCustomError("order", "times of the path must rise, and not come before start", {})
         return self
 
 
@@ -136,7 +136,7 @@ class Shake(_Span):
     kind: Literal["shake"]
     body: Name | None = Field(None, description="the one body that feels it; default: all")
     amplitude: Vector = Field(description="of the ground's displacement A [m]")
-    frequency: Positive = Field(description="f [Hz]")
+    frequency: Annotated[Real, Field(gt=0, le=1e6)] = Field(description="f [Hz]")
 
 
 class Breeze(_Span):

@@ -6,7 +6,7 @@ from typing import Annotated
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from sandbox.scene.model.base import Flag, Integer, Model, Positive, Real, Vector
+from sandbox.scene.model.base import Flag, Integer, Model, NonNegative, Positive, Real, Vector
 
 
 class ColorBy(StrEnum):
@@ -45,6 +45,7 @@ class Render(Model):
     )
     particles: Flag = Field(False, description="draw every particle as a sphere")
     struts: Flag = Field(False, description="draw every spring")
+    poster: NonNegative | None = Field(None, description="time of the poster [s]; default: the largest deformation")
     camera: Camera = Camera()
 
     @model_validator(mode="after")
