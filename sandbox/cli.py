@@ -176,11 +176,12 @@ def stability(
 
 def _print_stable_steps(rows: Any) -> None:
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False)
     for column in ("integrator", "order", "predicted [s]", "measured [s]", "measured/predicted", "held for [s]"):
-        table.add_column(column, justify="left" if column == "integrator" else "right")
+        table.add_column(escape(column), justify="left" if column == "integrator" else "right")
     for row in rows:
         table.add_row(
             row.scheme,

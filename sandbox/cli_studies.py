@@ -185,11 +185,14 @@ def _named(scene: str, folder: Path) -> Iterator[None]:
 def print_table(columns: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
     """A table on standard output, words to the left and numbers to the right."""
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False)
     for number, column in enumerate(columns):
-        table.add_column(column, justify="left" if number in (0, len(columns) - 1) else "right", no_wrap=True)
+        # Units in brackets are no markup.
+        is_text = number in (0, len(columns) - 1)
+        table.add_column(escape(column), justify="left" if is_text else "right", no_wrap=True)
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*map(escape, row))
     Console(width=160).print(table)
