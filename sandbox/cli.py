@@ -19,6 +19,7 @@ from sandbox.cli_options import (
     act_on,
     load,
     names,
+    naming,
     picture_size,
     scene_data,
 )
@@ -95,11 +96,8 @@ def run(
         cli_export.kinds(export),
     )
     try:
-        with _progress(loaded, quiet or json_) as progress:
+        with naming(scene), _progress(loaded, quiet or json_) as progress:
             summary = run_scene(loaded, options, progress)
-    except SceneError as error:
-        named = str(error).startswith(("actions", "bodies", "diagnostics", "solver"))
-        raise SceneError(f"{scene}: {error}" if named else str(error)) from None
     except KeyboardInterrupt:
         raise SandboxError(f"interrupted; {options.folder} holds what was simulated until then") from None
     if json_:

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from sandbox.cli_options import SceneArgument, SetOption, WithOption, load, picture_size
+from sandbox.cli_options import SceneArgument, SetOption, WithOption, load, naming, picture_size
 from sandbox.errors import SceneError
 
 
@@ -33,11 +33,8 @@ def play(
     from sandbox.live.play import play as play_scene
 
     options = PlayOptions(f"sandbox: {loaded.title or Path(scene).stem}", record, seconds, arch, precision, threads)
-    try:
+    with naming(scene):
         summary = play_scene(loaded, options)
-    except SceneError as error:
-        named = str(error).startswith(("bodies", "diagnostics", "solver"))
-        raise SceneError(f"{scene}: {error}" if named else str(error)) from None
     if not quiet:
         kept = f"; {record} holds what was done" if record is not None else ""
         typer.echo(

@@ -1,6 +1,7 @@
 """What several commands take: the scene, its changes, lists of things."""
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterator
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -59,6 +60,16 @@ def scene_data(
     options = {key: f"--{_SHORTCUTS[key]}" for key in given}
     name = " with ".join([source, *map(str, fragments or [])])
     return data, {**overrides, **given}, name, options, path.parent
+
+
+@contextlib.contextmanager
+def naming(scene: str) -> Iterator[None]:
+    """Errors that say where in a scene something is wrong begin with that scene."""
+    try:
+        yield
+    except SceneError as error:
+        named = str(error).startswith(("actions", "bodies", "diagnostics", "solver"))
+        raise SceneError(f"{scene}: {error}" if named else str(error)) from None
 
 
 def act_on(scene: Scene, file: Path, seconds: float | None) -> tuple[Scene, Any]:

@@ -5,8 +5,7 @@ from typing import Annotated
 
 import typer
 
-from sandbox.cli_options import SceneArgument, SetOption, WithOption, load
-from sandbox.errors import SceneError
+from sandbox.cli_options import SceneArgument, SetOption, WithOption, load, naming
 
 
 def serve(
@@ -39,9 +38,6 @@ def serve(
     from sandbox.serve.app import serve as serve_scene
 
     options = ServeOptions(host, port, token, record, seconds, shadows, arch, precision, threads, pictures)
-    try:
+    with naming(scene):
         end = serve_scene(loaded, options, lambda address: typer.echo(f"open {address} (Ctrl-C ends)"))
-    except SceneError as error:
-        named = str(error).startswith(("bodies", "diagnostics", "solver"))
-        raise SceneError(f"{scene}: {error}" if named else str(error)) from None
     typer.echo(end)

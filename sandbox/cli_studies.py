@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from sandbox.cli_options import JsonOption, SceneArgument, SetOption, WithOption, load, names, numbers, quantity
+from sandbox.cli_options import JsonOption, SceneArgument, SetOption, WithOption, load, names, naming, numbers, quantity
 from sandbox.errors import SandboxError, SceneError
 from sandbox.scene.model import IntegratorName, Precision
 
@@ -172,10 +172,8 @@ def study_options(
 def _named(scene: str, folder: Path) -> Iterator[None]:
     """Errors of a study name its scene; an interruption says that it can go on."""
     try:
-        yield
-    except SceneError as error:
-        named = str(error).startswith(("bodies", "diagnostics", "solver"))
-        raise SceneError(f"{scene}: {error}" if named else str(error)) from None
+        with naming(scene):
+            yield
     except KeyboardInterrupt:
         raise SandboxError(
             f"interrupted; finished rows are kept in {folder}: the same command goes on from there"

@@ -5,12 +5,11 @@ import json
 import warnings
 from pathlib import Path
 
-import tomli_w
 from pydantic import Field, ValidationError
 
 from sandbox.errors import SceneError
 from sandbox.files import replace_when_whole
-from sandbox.scene.load import check_dimensions, describe, read_toml
+from sandbox.scene.load import check_dimensions, describe, read_toml, to_toml
 from sandbox.scene.model import Action, Interaction, Precision, Scene
 from sandbox.scene.model.base import Index, Model, Positive
 
@@ -49,7 +48,7 @@ def read(path: Path) -> ActionFile:
 def write(path: Path, file: ActionFile) -> None:
     """Write a file of actions; it appears once it is whole."""
     with replace_when_whole(path) as temporary:
-        temporary.write_text(tomli_w.dumps(file.model_dump(mode="json", exclude_none=True)), encoding="utf-8")
+        temporary.write_text(to_toml(file), encoding="utf-8")
 
 
 def fingerprint(scene: Scene) -> str:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from sandbox.scene.assemble import Assembly
 from sandbox.scene.lattice import FloatArray
 from sandbox.scene.model import Choice, Cut, Grab, Hold
+from sandbox.scene.selection import inside
 
 Mask = NDArray[np.bool_]
 
@@ -21,29 +22,21 @@ def particles_of(assembly: Assembly, body: str | None) -> Mask:
     """Those of a body, or all; shape (N,)."""
     if body is None:
         return np.ones(assembly.particle_count, dtype=bool)
-    index = next(i for i, one in enumerate(assembly.scene.bodies) if one.name == body)
-    return np.asarray(assembly.particle_body == index)
+    return assembly.of_body(body)
 
 
 def chosen(assembly: Assembly, positions: FloatArray, action: Choice) -> Mask:
     """Particles of a body, in a box or a ball, at positions [m], shape (N, d); shape (N,)."""
     mask = particles_of(assembly, action.body)
     if action.region is not None:
-        low, high = np.asarray(action.region.min), np.asarray(action.region.max)
-        mask &= ((positions >= low) & (positions <= high)).all(axis=1)
+        mask &= inside(action.region, positions)
     if action.point is not None and action.radius is not None:
         apart = positions - np.asarray(action.point)
         mask &= np.einsum("ij,ij->i", apart, apart) <= action.radius**2
     if isinstance(action, Hold) and action.indices:
-        first = int(np.argmax(assembly.particle_body[np.argsort(assembly.order)] == _index(assembly, action.body)))
-        scene_numbers = np.zeros(assembly.particle_count, dtype=bool)
-        scene_numbers[first + np.asarray(action.indices)] = True
-        mask &= scene_numbers[assembly.order]
+        first = assembly.order[particles_of(assembly, action.body)].min()
+        mask &= np.isin(assembly.order, first + np.asarray(action.indices))
     return mask
-
-
-def _index(assembly: Assembly, body: str | None) -> int:
-    return next(i for i, one in enumerate(assembly.scene.bodies) if one.name == body)
 
 
 @dataclass(frozen=True)
@@ -100,9 +93,7 @@ def crossed(assembly: Assembly, positions: FloatArray, action: Cut, begin: float
         above_a, above_b = ((ends - np.asarray(action.point)) @ normal >= 0.0 for ends in (a, b))
         parted = above_a != above_b
         if action.region is not None:
-            middle = 0.5 * (a + b)
-            low, high = np.asarray(action.region.min), np.asarray(action.region.max)
-            parted &= ((middle >= low) & (middle <= high)).all(axis=1)
+            parted &= inside(action.region, 0.5 * (a + b))
     else:
         start, stop = np.asarray(action.edge_start), np.asarray(action.edge_end)
         if assembly.dimension == 2:

@@ -3,12 +3,10 @@
 from collections.abc import Iterable
 
 from sandbox.scene.model import Action, Choice, Cut, Grab, Model, Move, Pump, Scene, Shake, Spawn
+from sandbox.scene.model.base import LARGEST
 
 Problem = tuple[str, str]
 """Where in the scene, and what is wrong there."""
-
-LARGEST = 1e15
-"""Largest number that is taken, as of bodies: its square is still far from the end of f32 [any]."""
 
 
 def action_problems(scene: Scene) -> Iterable[Problem]:

@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 
 from sandbox.errors import SceneError
 from sandbox.scene import attachments, surfaces
+from sandbox.scene.action_checks import action_problems
 from sandbox.scene.action_plan import ActionPlan, check_indices, led_frames, parking, with_tools
 from sandbox.scene.appearance import Appearance
 from sandbox.scene.attachments import Carried
 from sandbox.scene.lattice import FloatArray, IntArray
 from sandbox.scene.look import build_appearance
 from sandbox.scene.model import Body, Bracing, Collider, Custom, Material, Scene
+from sandbox.scene.model.base import LARGEST
 from sandbox.scene.motion import Motion
 from sandbox.scene.ordering import locality_order
 from sandbox.scene.placement import rotation_matrix, spin
@@ -27,8 +29,6 @@ from sandbox.scene.surfaces import FaceSet, Gas
 
 DEFAULT_DENSITY = 1000.0
 """Density of a body that gives neither density nor mass [kg/m^3]: water, and so most tissue and jelly."""
-LARGEST = 1e15
-"""Largest coordinate, speed or mass that is taken; its square is still far from the end of f32."""
 DEFAULT_POINT_MASS = 1.0
 """Mass of a custom shape's point when nothing else says it [kg]."""
 
@@ -147,6 +147,11 @@ class Assembly:
         result[self.order] = values
         return result
 
+    def of_body(self, name: str) -> NDArray[np.bool_]:
+        """True for the particles of the body of a name, which the scene has; shape (N,)."""
+        number = next(number for number, body in enumerate(self.scene.bodies) if body.name == name)
+        return np.asarray(self.particle_body == number)
+
     def internal_order(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Rows of ``values`` (scene order) in the internal order."""
         return values[self.order]
@@ -154,6 +159,8 @@ class Assembly:
 
 def assemble(scene: Scene) -> Assembly:
     """The numbers of a scene. Raises SceneError where its parts do not fit together."""
+    for where, problem in action_problems(scene):
+        raise SceneError(f"{where}: {problem}")
     plan = ActionPlan.of(scene)
     scene = with_tools(scene)
     parts = [_Part.build(index, body, scene) for index, body in enumerate(scene.bodies)]

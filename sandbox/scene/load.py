@@ -153,9 +153,9 @@ def parse_assignment(text: str) -> tuple[str, Any]:
         return key, value.strip()
 
 
-def to_toml(scene: Scene) -> str:
-    """The scene as TOML that :func:`load_scene` reads back to an equal scene, defaults written out."""
-    return tomli_w.dumps(scene.model_dump(mode="json", exclude_none=True))
+def to_toml(part: BaseModel) -> str:
+    """A scene as TOML that :func:`load_scene` reads back to an equal one, defaults written out; so of any part."""
+    return tomli_w.dumps(part.model_dump(mode="json", exclude_none=True))
 
 
 def json_schema() -> str:

@@ -1,11 +1,16 @@
-"""Which particles of a body a pin or an attachment means. NumPy only."""
+"""Which particles of a body a pin, an attachment or a region means. NumPy only."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sandbox.errors import SceneError
 from sandbox.scene.lattice import FloatArray
-from sandbox.scene.model import Attachment, Pin
+from sandbox.scene.model import Attachment, Pin, Region
+
+
+def inside(region: Region, points: FloatArray) -> NDArray[np.bool_]:
+    """True for points in a box, its faces included [m], shape (N, d); shape (N,)."""
+    return np.asarray(((points >= np.asarray(region.min)) & (points <= np.asarray(region.max))).all(axis=1))
 
 
 def selected(where: str, chosen: Pin | Attachment, positions: FloatArray) -> NDArray[np.bool_]:
@@ -19,9 +24,8 @@ def selected(where: str, chosen: Pin | Attachment, positions: FloatArray) -> NDA
             raise SceneError(f"{where}.indices[{row}]: there is no particle {index}; the body has {len(positions)}")
         mask[index] = True
     if chosen.region is not None:
-        low, high = np.asarray(chosen.region.min), np.asarray(chosen.region.max)
-        inside = ((positions >= low) & (positions <= high)).all(axis=1)
-        if not inside.any():
+        within = inside(chosen.region, positions)
+        if not within.any():
             raise SceneError(f"{where}.region: holds no particle of the body")
-        mask |= inside
+        mask |= within
     return mask

@@ -8,6 +8,8 @@ from pydantic_core import PydanticCustomError
 
 MOST_PARTICLES = 20_000_000
 """Most particles or cells of one body: what fits into some 10 GB with its springs."""
+LARGEST = 1e15
+"""Largest number that is computed with, in any unit; its square is still far from the end of f32."""
 
 
 class Model(BaseModel):

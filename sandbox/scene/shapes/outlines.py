@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from sandbox.errors import SceneError
 from sandbox.scene.lattice import FloatArray
+from sandbox.scene.model.base import LARGEST
 
 _SAME = 1e-9  # of the outline's size: closer than this is touching
-_LARGEST = 1e15  # [m]; its square is still far from the end of the format
 _CHUNK = 1_000_000  # pairs of edges looked at in one go
 
 
@@ -21,8 +21,8 @@ def check_outline(points: Sequence[Sequence[float]], holes: Sequence[Sequence[Se
     """
     given = [np.asarray(loop, dtype=float) for loop in (points, *holes)]
     names = ["points", *(f"holes[{row}]" for row in range(len(holes)))]
-    if max(np.abs(loop).max() for loop in given) > _LARGEST:
-        raise SceneError(f"points: the outline is too large to compute with (above {_LARGEST:g})")
+    if max(np.abs(loop).max() for loop in given) > LARGEST:
+        raise SceneError(f"points: the outline is too large to compute with (above {LARGEST:g})")
     size = float(np.ptp(np.concatenate(given), axis=0).max())
     loops = [_distinct(loop, size) for loop in given]
     for name, loop in zip(names, loops, strict=True):

@@ -1,0 +1,60 @@
+"""What a run could not do, in one list: printed at its end, kept in its summary, and in ``Simulation.warnings``."""
+
+from enum import StrEnum
+
+
+class SceneWarning(UserWarning):
+    """Something about a scene that is known before its first step, and will not be as its author expects."""
+
+
+class WarningKind(StrEnum):
+    """All warnings that there are; docs/warnings.md says of each what it means and what helps."""
+
+    STEP_ABOVE_LIMIT = "step above limit"
+    """A fixed step is longer than the scheme is stable with."""
+    UNCONVERGED = "unconverged"
+    """An iterating scheme left more of its equations unsolved than it should."""
+    REPLACED = "replaced"
+    """The implicit midpoint rule took some steps as implicit Euler."""
+    RESCUED = "rescued"
+    """The run went back and on with shorter steps."""
+    INVERTED = "inverted"
+    """Cells of a body are inside out."""
+    PENETRATED = "penetrated"
+    """A particle got deep into a collider."""
+    OVERLAPPING = "overlapping"
+    """Particles in contact got deep into each other."""
+    OVERLOADED = "overloaded"
+    """A body is too heavy for what it may come to lie on, at the step as it is."""
+    CANNOT_MEET = "cannot meet"
+    """Bodies without a contact radius pass through each other."""
+    STARTS_OVERLAPPING = "starts overlapping"
+    """Two bodies overlap at the start."""
+    STARTS_INSIDE = "starts inside"
+    """A body starts inside of a collider."""
+    IMPLICIT_BOUNCE = "implicit bounce"
+    """Restitution under a scheme whose own damping decides how high bodies bounce."""
+    ACTION = "action"
+    """An action found nothing to act on, or comes too late."""
+    MESH = "mesh"
+    """A mesh file is of an odd size, or not well covered by its lattice."""
+
+
+class WarningLog:
+    """Warnings of one simulation, in the order in which they first arose."""
+
+    def __init__(self) -> None:
+        self._lines: dict[tuple[WarningKind, str], str] = {}
+
+    def note(self, kind: WarningKind, line: str, about: str = "") -> None:
+        """Say ``line``; it takes the place of what was said of that kind ``about`` the same thing."""
+        self._lines[kind, about] = line
+
+    @property
+    def lines(self) -> list[str]:
+        """One line a warning."""
+        return list(self._lines.values())
+
+    def kinds(self) -> set[WarningKind]:
+        """Of which kinds there are warnings."""
+        return {kind for kind, _ in self._lines}
