@@ -144,6 +144,8 @@ class Summary:
     """Energy that went from one form to another [J]."""
     energy_unexplained: float | None
     """Change of the total energy that no term explains [J]: the scheme's own error."""
+    warnings: list[str]
+    """What the run could not do, one line each, see docs/warnings.md; empty where all went as the scene says."""
     state_sha256: str
     """Hash of final positions and velocities: equal for equal trajectories."""
     seconds: dict[str, float]
@@ -387,6 +389,7 @@ class _Recorder:
             work=None if (work := simulation.measure().work) is None else dict(work),
             energy_moved=None if self.balance is None else self.balance.moved,
             energy_unexplained=None if self.balance is None else self.balance.unexplained,
+            warnings=simulation.warnings,
             state_sha256=simulation.state_hash(),
             seconds=self.timings.summary(clock.perf_counter() - self.start),
             versions={"sandbox": __version__, "python": platform.python_version(), "numpy": np.__version__},

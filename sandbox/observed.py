@@ -14,6 +14,7 @@ from sandbox.pipeline import Memory, Pipeline
 from sandbox.scene.assemble import Assembly
 from sandbox.scene.model import Scene
 from sandbox.state import ParticleState
+from sandbox.warning_log import WarningLog
 
 if TYPE_CHECKING:
     from sandbox.output.inline import InlinePicture
@@ -29,6 +30,7 @@ class Observed:
     """Simulated time [s]."""
     assembly: Assembly
     acting: Acting | None
+    warning_log: WarningLog
     _settings: runtime.Settings
     _measurement: Measurement | None
 
@@ -46,6 +48,11 @@ class Observed:
     def precision(self) -> str:
         """f32 or f64."""
         return self._settings.precision
+
+    @property
+    def warnings(self) -> list[str]:
+        """What could not be done so far, one line each; empty where all went as the scene says."""
+        return self.warning_log.lines
 
     @property
     def state(self) -> ParticleState:

@@ -21,6 +21,7 @@ from sandbox.scene.assemble import Assembly, assemble
 from sandbox.scene.model import Scene, Solver
 from sandbox.start import check_memory, check_start
 from sandbox.step_size import EnergyWatch, Rescue, StepSize
+from sandbox.warning_log import WarningLog
 
 FloatArray = NDArray[np.float64]
 
@@ -52,6 +53,7 @@ class Simulation(Observed):
         warns: bool = True,
     ) -> None:
         self.scene = scene
+        self.warning_log = WarningLog()
         self.scheme = SCHEMES[scene.solver.integrator]
         runtime.check(arch, precision or str(scene.solver.precision), threads)
         self.assembly = assemble(scene)
