@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sandbox import limits
+from sandbox.contact_limits import elastic_share, worst_load
 from sandbox.diagnostics import Measurement
 from sandbox.errors import SceneError
 from sandbox.integrators.schemes import Scheme
@@ -83,6 +84,12 @@ class StepSize:
     def __init__(self, scheme: Scheme, assembly: Assembly, network: SpringNetwork, warns: bool) -> None:
         self.scheme, self.assembly, self.network, self.warns = scheme, assembly, network, warns
         self.solver = assembly.scene.solver
+        self.load = worst_load(assembly)
+        """The body that another one bears worst."""
+        self.safety = min(self.solver.safety, elastic_share(assembly, scheme.order))
+        """Part of its limit that an automatic step takes [1]."""
+        self.longest = LONGEST_AUTO_DT if self.load is None else min(LONGEST_AUTO_DT, self.load.step)
+        """Longest automatic step [s]."""
         self.chosen = self._choose(network)
         """Longest step [s], to begin with and since the limit was last looked at."""
         self.first = self.chosen
@@ -119,7 +126,7 @@ class StepSize:
         if not (strained or torn):
             return dt
         self.seen = (max(strain, measured.max_strain), float(measured.torn))
-        wanted = min(self.solver.safety * self._limit(network(), positions()), LONGEST_AUTO_DT)
+        wanted = min(self.safety * self._limit(network(), positions()), self.longest)
         if wanted < _SHORTER * dt or (torn and wanted > _LONGER * dt):
             self.chosen = wanted
         return self.chosen
@@ -131,7 +138,7 @@ class StepSize:
         """
         if self.solver.dt != "auto" or dt != self.chosen or not np.isfinite(self.limit):
             return dt
-        fits = min(self.solver.safety * self.limit / max(1.0, factor) ** 0.5, LONGEST_AUTO_DT)
+        fits = min(self.safety * self.limit / max(1.0, factor) ** 0.5, self.longest)
         self.chosen = fits if self.seen == (0.0, 0.0) else min(self.chosen, fits)
         return self.chosen
 
@@ -156,11 +163,11 @@ class StepSize:
         wanted = self.solver.dt
         if wanted == "auto":
             if self.limit < float("inf"):
-                return min(self.solver.safety * self.limit, LONGEST_AUTO_DT)
+                return min(self.safety * self.limit, self.longest)
             step = limits.accurate_step(
                 self.scheme, network, self.assembly.positions, self.assembly.particle_body, self.solver.accuracy
             )
-            return min(step, LONGEST_AUTO_DT)
+            return min(step, self.longest)
         if self.warns and wanted > self.limit:
             warnings.warn(
                 f"solver.dt = {wanted:.4g} s is above the stability limit {self.limit:.4g} s of "

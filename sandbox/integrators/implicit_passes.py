@@ -286,7 +286,7 @@ class ImplicitPasses(Stepper):
                 v = begun + (solved - begun) / self.share[0]
             for resting in ti.static(self.resting):
                 v = resting.stopped(i, v)
-        x_new, v_new = self.end.meet(i, start, start + dt * solved, v, dt)
+        x_new, v_new = self.end.meet(i, start, start + dt * solved, v, 0.0 * v, 1.0, dt)
         for books in ti.static(self.books):
             reaction = self.vector(0.0)
             if ti.static(self.resting):

@@ -60,7 +60,7 @@ class Meetings(Bearing):
         self.mode[i] = FREE
         x_new, v_new = end, v
         for collider in ti.static(self.colliders):
-            x_new, v_new = collider.resolve(i, start, x_new, v_new, dt)
+            x_new, v_new = collider.resolve(i, start, x_new, v_new, 0.0 * v, 1.0, dt)
         if self.mode[i] == FREE and before == ONE:
             # What presses is not let go because its way, with what it was given, ends before the surface.
             if (v - self.ground[i]).dot(self.normal[i]) < self.rebound[i]:

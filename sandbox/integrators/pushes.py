@@ -46,7 +46,7 @@ class Pushes:
             start = self.state.x[slot, i]
             free = self.state.v[1 - slot, i] - self.push[i]
             end = start + dt * free
-            kept, _ = self.trial_end.meet(i, start, end, free, dt)
+            kept, _ = self.trial_end.meet(i, start, end, free, 0.0 * free, 1.0, dt)
             push = (kept - end) / dt
             self.push[i] = push
             self.state.v[1 - slot, i] = free + push

@@ -209,7 +209,7 @@ class Resting(Bearing):
         change = 0.0 * dt
         end, left = start + dt * v, v
         for scout in ti.static(self.scouts):
-            end, left = scout.resolve(i, start, end, left, dt)
+            end, left = scout.resolve(i, start, end, left, 0.0 * v, 1.0, dt)
         if self.mode[i] != FREE:
             n = self.normal[i]
             into = n.dot(v - self.ground[i])

@@ -137,11 +137,11 @@ class RungeKutta(Stepper):
         if stage == self.stages - 1:
             to = 1 - slot
             free_x, free_v = x, v
-            x, v = self.end.meet_pressed(i, start, x, v, dt)
+            x, v = self.end.meet_pressed(i, start, x, v, v - self.decay[stage] * self.state.v[slot, i], dt)
             for books in ti.static(self.books):
                 books.finish(i, self.state.v[slot, i], force - lossy, x - free_x, free_v, v, dt)
         elif ti.static(self.stage_end.colliders):
-            x, v = self.stage_end.meet_pressed(i, start, x, v, self.moment[stage + 1])
+            x, v = self.stage_end.meet_pressed(i, start, x, v, 0.0 * v, self.moment[stage + 1])
         self.state.x[to, i] = x
         self.state.v[to, i] = v
 

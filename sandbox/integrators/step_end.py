@@ -19,13 +19,16 @@ class StepEnd:
         self.guards_pinned = pinned and bool(parts.colliders)
 
     @ti.func
-    def meet(self, i, start, end, v, dt):
-        """Position and velocity of particle i, that flew from ``start`` to ``end`` in ``dt`` [s] and has v then."""
-        x_new, v_new = self._keep_out(i, start, end, v, dt)
+    def meet(self, i, start, end, v, kick, lag, dt):
+        """Position and velocity of particle i, that flew from ``start`` to ``end`` in ``dt`` [s] and has v then.
+
+        v is its velocity at the part ``lag`` of the step, in which forces change it by ``kick`` [m/s].
+        """
+        x_new, v_new = self._keep_out(i, start, end, v, kick, lag, dt)
         return self._carry(i, start, x_new, v_new, dt)
 
     @ti.func
-    def meet_pressed(self, i, start, end, v, dt):
+    def meet_pressed(self, i, start, end, v, kick, dt):
         """The same of a scheme whose ``end`` is not start + dt v.
 
         Whether a particle meets a surface is asked of start + dt v: one that is pressed on it has a velocity into
@@ -34,7 +37,7 @@ class StepEnd:
         x_new, v_new = end, v
         if ti.static(self.colliders):
             led = start + dt * v
-            x_met, v_new = self._keep_out(i, start, led, v, dt)
+            x_met, v_new = self._keep_out(i, start, led, v, kick, 1.0, dt)
             out = x_met - led
             size = out.norm()
             if size > 0.0:
@@ -43,11 +46,11 @@ class StepEnd:
         return self._carry(i, start, x_new, v_new, dt)
 
     @ti.func
-    def _keep_out(self, i, start, end, v, dt):
+    def _keep_out(self, i, start, end, v, kick, lag, dt):
         x_new, v_new = end, v
         if ti.static(not self.guards_pinned) or self.state.inverse_mass[i] > 0.0:
             for collider in ti.static(self.colliders):
-                x_new, v_new = collider.resolve(i, start, x_new, v_new, dt)
+                x_new, v_new = collider.resolve(i, start, x_new, v_new, kick, lag, dt)
         return x_new, v_new
 
     @ti.func

@@ -208,7 +208,7 @@ class Xpbd(Stepper):
             v = self.vector(0.0)
             if ti.static(self.carriers):
                 start = self.state.x[slot, i]
-                there, _ = self.ride.meet(i, start, start, v, dt)
+                there, _ = self.ride.meet(i, start, start, v, 0.0 * v, 1.0, dt)
                 v = (there - start) / dt
         self.predicted[i] = v
         self.state.v[1 - slot, i] = v
@@ -252,7 +252,7 @@ class Xpbd(Stepper):
         free = self.free_velocity(i, slot)
         for pushes in ti.static(self.pushes):
             pushes.end(i, free - self.predicted[i])
-        x, v = self.end.meet(i, start, start + dt * free, free, dt)
+        x, v = self.end.meet(i, start, start + dt * free, free, 0.0 * free, 1.0, dt)
         for books in ti.static(self.books):
             self._book_end(books, i, slot, free, x, v, dt)
         self.state.x[1 - slot, i] = x

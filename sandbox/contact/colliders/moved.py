@@ -24,9 +24,10 @@ class MovingCollider(SolidCollider):
         self.first = first
         self.count = inner.count
         self.most_hits = inner.most_hits
+        self.slack = inner.slack
 
     @ti.func
-    def resolve_one(self, c, i, start, end, v, duration):
+    def resolve_one(self, c, i, start, end, v, kick, lag, duration):
         """Position and velocity after a straight move from ``start`` to ``end`` = start + duration v."""
         row = self.first + c
         radius = self.radius.of(i)
@@ -34,6 +35,7 @@ class MovingCollider(SolidCollider):
         goal = self.motions.to_local(row, END, end)
         x_new, v_new = end, v
         done, hits = 0.0, 0
+        out = 0.0 * v
         # Not a constant, or LLVM would write out every pass: the kernel then takes three times as long to compile.
         most = ti.select(duration >= 0.0, self.most_hits, 0)
         # One look more than hits: what turned under the particle meanwhile must not swallow it.
@@ -42,30 +44,34 @@ class MovingCollider(SolidCollider):
             hits = hits + 1
             if hit:
                 done = done + (1.0 - done) * fraction
+                early = self.motions.to_world(row, START, place)
                 late = self.motions.to_world(row, END, place)
-                # Where nothing more is looked for, it rides along until the next substep.
-                x_new = late
-                if hits <= most:
-                    early = self.motions.to_world(row, START, place)
-                    v_new = self._meet(row, i, v_new, place, normal, done)
-                    if ti.static(self.inner.most_hits == 1) or hits < most:
-                        # Between both poses along the chord: an arc differs in the second order of the step.
-                        x_new = early + done * (late - early) + (1.0 - done) * duration * v_new
-                    begin = place
-                    goal = self.motions.to_local(row, END, x_new)
-                    if hits == most:
-                        begin = goal
+                before = out
+                out = (1.0 - done) * self.motions.turned(row, START, normal) + done * self.motions.turned(
+                    row, END, normal
+                )
+                out = out.normalized()
+                ground = self.motions.velocity_at(row, MIDDLE, self.motions.turned(row, MIDDLE, place))
+                v_new, onward = self.respond(i, v_new, ground, out, kick, lag, done)
+                # Between both poses along the chord: an arc differs in the second order of the step.
+                x_new = early + done * (late - early) + (1.0 - done) * duration * onward
+                begin = place
+                goal = self.motions.to_local(row, END, x_new)
+                if hits > most:
+                    x_new = late  # nothing more is looked for: it rides along until the next substep
+                    if ti.static(self.inner.most_hits > 1):
+                        led = self.motions.to_world(row, END, goal)
+                        x_new, v_new = self.wedge(c, i, late, led, v_new, ground, before, out)
             else:
                 hits = most + 1
         return x_new, v_new
 
     @ti.func
-    def _meet(self, row, i, v, place, normal, fraction):
-        """Velocity of a particle after it met the surface at a fraction of the substep."""
-        out = (1.0 - fraction) * self.motions.turned(row, START, normal)
-        out += fraction * self.motions.turned(row, END, normal)
-        ground = self.motions.velocity_at(row, MIDDLE, self.motions.turned(row, MIDDLE, place))
-        return self.respond(i, v, ground, out.normalized())
+    def closest(self, c, x):
+        """The same, and the direction away from the solid: where the last substep left it."""
+        row = self.first + c
+        distance, normal = self.inner.closest(c, self.motions.to_local(row, END, x))
+        return distance, self.motions.turned(row, END, normal)
 
     @ti.func
     def signed_distance(self, c, x):

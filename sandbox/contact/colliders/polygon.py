@@ -166,7 +166,7 @@ class OutlineCollider(SolidCollider):
                 place = start - before * way_out
                 normal = way_out
             elif before <= length:
-                fraction, place, normal = self._sweep(c, start, path, radius, self.grazing * length)
+                fraction, place, normal = self._sweep(c, start, path, radius, self.grazing * length + self.slack)
                 hit = fraction <= 1.0
         return hit, fraction, place, normal
 

@@ -7,7 +7,7 @@ import numpy as np
 import taichi as ti
 
 from sandbox import runtime
-from sandbox.contact.surface import SolvedSurface
+from sandbox.contact.surface import SolvedSurface, rub
 from sandbox.ledger import RUBBED
 from sandbox.scene.assemble import Assembly
 from sandbox.state import ParticleState, place
@@ -171,6 +171,8 @@ class SolidCollider:
     witnesses: tuple[Any, ...] = ()
     """Who is told of every meeting, see :meth:`seen_by`: one or none."""
     count = 1
+    slack = 0.0
+    """Distance within which a particle counts as touching [m]."""
     most_hits = 1
     """How often a particle can meet the solid within one substep: a hollow one several times."""
 
@@ -199,55 +201,101 @@ class SolidCollider:
         return twin
 
     @ti.func
-    def resolve(self, i, start, end, v, duration):
-        """Position and velocity after a straight move from ``start`` to ``end`` = start + duration v."""
+    def resolve(self, i, start, end, v, kick, lag, duration):
+        """Position and velocity after a straight move from ``start`` to ``end`` = start + duration v.
+
+        ``v`` is the velocity at the part ``lag`` of the substep, in which forces change it by ``kick`` [m/s].
+        """
         x_new, v_new = end, v
         if ti.static(self.count == 1):
-            x_new, v_new = self.resolve_one(0, i, start, end, v, duration)
+            x_new, v_new = self.resolve_one(0, i, start, end, v, kick, lag, duration)
         else:
             for c in range(self.count):
-                x_new, v_new = self.resolve_one(c, i, start, x_new, v_new, duration)
+                x_new, v_new = self.resolve_one(c, i, start, x_new, v_new, kick, lag, duration)
         return x_new, v_new
 
     @ti.func
-    def resolve_one(self, c, i, start, end, v, duration):
+    def resolve_one(self, c, i, start, end, v, kick, lag, duration):
         """The same with solid c alone."""
         x_new, v_new = end, v
         if ti.static(self.most_hits == 1):
             hit, fraction, place, normal = self.entry(c, start, end, self.radius.of(i))
             if hit:
-                v_new = self.respond(i, v, 0.0 * v, normal)
-                x_new = place + (1.0 - fraction) * duration * v_new
+                v_new, onward = self.respond(i, v, 0.0 * v, normal, kick, lag, fraction)
+                x_new = place + (1.0 - fraction) * duration * onward
         else:
-            begin, left, hits = start, duration, 0
-            while hits < self.most_hits:
-                hit, fraction, place, normal = self.entry(c, begin, x_new, self.radius.of(i))
-                hits = hits + 1
-                if hit:
-                    v_new = self.respond(i, v_new, 0.0 * v, normal)
-                    left = (1.0 - fraction) * left
-                    begin = place
-                    x_new = place
-                    if hits < self.most_hits:  # after the last it waits there for the next substep
-                        x_new = place + left * v_new
-                else:
-                    hits = self.most_hits
+            x_new, v_new = self.resolve_hollow(c, i, start, end, v, kick, lag, duration)
         return x_new, v_new
 
     @ti.func
-    def respond(self, i, v, ground, normal):
-        """Velocity of particle i after it met the surface, which itself moves at ``ground`` [m/s]."""
+    def resolve_hollow(self, c, i, start, end, v, kick, lag, duration):
+        """The same with a solid that a particle can meet several times within a substep."""
+        x_new, v_new = end, v
+        begin, done, hits = start, 0.0, 0
+        normal = 0.0 * v
+        # One look more than hits: what still is in the way then is a wedge, or a bow of many short edges.
+        while hits <= self.most_hits:
+            hit, fraction, place, met = self.entry(c, begin, x_new, self.radius.of(i))
+            hits = hits + 1
+            if hit:
+                done = done + (1.0 - done) * fraction
+                before = normal
+                normal = met
+                v_new, onward = self.respond(i, v_new, 0.0 * v, normal, kick, lag, done)
+                begin = place
+                x_new = place + (1.0 - done) * duration * onward
+                if hits > self.most_hits:
+                    x_new, v_new = self.wedge(c, i, place, x_new, v_new, 0.0 * v, before, normal)
+            else:
+                hits = self.most_hits + 1
+        return x_new, v_new
+
+    @ti.func
+    def wedge(self, c, i, place, end, v, ground, before, normal):
+        """Where a particle ends that met too many surfaces in one substep, the last two with these normals.
+
+        Around a bow of short edges it goes on, at the place nearest to where it was led. Between two walls it stays,
+        and so does its velocity: a step must not take the place and leave the speed.
+        """
+        x_new, v_new = end, v
+        radius = self.radius.of(i)
+        distance, out = self.closest(c, end)
+        if distance < radius:
+            x_new = end + (radius - distance) * out
+            v_new = v - ti.min((v - ground).dot(out), 0.0) * out
+            distance, out = self.closest(c, x_new)
+            if distance < radius - 4.0 * self.slack:
+                x_new = place
+                v_new = v
+                if (v - ground).dot(before) < 0.0:
+                    v_new = ground
+                    if ti.static(self.state.dimension == 3):
+                        # Along the edge between the two it may go on.
+                        edge = before.cross(normal)
+                        v_new += (v - ground).dot(edge) / ti.max(edge.dot(edge), TINY) * edge
+        return x_new, v_new
+
+    @ti.func
+    def respond(self, i, v, ground, normal, kick, lag, done):
+        """Velocity of particle i after it met a surface that moves at ``ground``, and the one it goes on with [m/s].
+
+        The second is the mean until the end of the substep; the others are as :meth:`resolve` has them.
+        """
         relative = v - ground
-        bounced = ground + self.surface.bounce(i, relative, normal)
+        given, onward = self.surface.answer(i, relative, normal, kick, lag, done)
+        bounced = v + given * normal
         after = bounced
         if ti.static(self.surface.rough):
-            after = bounced - self.surface.rub(i, relative, normal)
+            after = bounced - rub(relative, normal, self.surface.friction_of(i) * given)
             if ti.static(self.booked):
                 self.ledger.hand_in(RUBBED, i, self.state.mass[i] * (after - bounced))
         for witness in ti.static(self.witnesses):
             bounce, friction = self.surface.restitution_of(i), self.surface.friction_of(i)
             witness.note(i, relative, after - ground, normal, ground, bounce, friction)
-        return after
+        mean = after
+        if ti.static(self.surface.bouncy):
+            mean = after + (onward - (relative.dot(normal) + given)) * normal
+        return after, mean
 
     def entry(self, c, start, end, radius):
         """Whether the path enters the solid, at which fraction, where, and the normal there: a ti.func of each kind."""
@@ -255,6 +303,10 @@ class SolidCollider:
 
     def signed_distance(self, c, x):
         """Distance of a point from the surface [m], negative inside: a ti.func of each kind."""
+        raise NotImplementedError
+
+    def closest(self, c, x):
+        """The same, and the direction away from the solid: a ti.func of each kind that is met several times."""
         raise NotImplementedError
 
     @ti.func
