@@ -1,4 +1,4 @@
-"""What contact asks of the step, known before the first: bounces without loss, and heavy bodies on light ones. NumPy only.
+"""What contact asks of the step, known before the first: bounces without loss, heavy bodies on light ones. NumPy only.
 
 Springs alone know nothing of either. A step at which every vibration is stable may still be far too long for
 a bounce to give back the energy that it took, or for a light particle to bear what lies on it.
@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from sandbox.contact.particle_contact import PUSH, PUSH_ACCELERATION
 from sandbox.scene.assemble import Assembly, combine_bodies
+from sandbox.scene.model import IntegratorName
 from sandbox.stability import FloatArray
 
-_LOSSLESS = {1: 0.02, 2: 0.05}
-"""Part of the limit, by the order of the scheme, at which bounces without loss keep their energy to 2 % [1]."""
+_LOSSLESS = {IntegratorName.SYMPLECTIC_EULER: 0.02, IntegratorName.VELOCITY_VERLET: 0.05, IntegratorName.RK4: 0.05}
+"""Part of the limit at which bounces without loss keep their energy to 2 % [1]; other schemes keep none themselves."""
 _BY_RESTITUTION, _BY_DAMPING = 2.0, 4.0 * math.pi
 """How much more of it does not matter, for each part of the energy that a bounce takes, and for a damping ratio [1]."""
 _SUNK = 0.25
@@ -28,7 +29,7 @@ _BORNE = 0.5
 """Part of the fastest parting that a push can hold against a load [1]."""
 
 
-def elastic_share(assembly: Assembly, order: int) -> float:
+def elastic_share(assembly: Assembly) -> float:
     """Largest part of its stability limit that a step may have, for bounces to keep their energy [1]; 1 where none do.
 
     At a step of omega h the energy of a symplectic scheme of first order is off by some omega h / 2 of what vibrates,
@@ -36,13 +37,16 @@ def elastic_share(assembly: Assembly, order: int) -> float:
     damping.
     """
     share = 1.0
+    lossless = _LOSSLESS.get(assembly.scene.solver.integrator)
+    if lossless is None:
+        return share
     restitution = _bounciest(assembly)
     for body in np.unique(assembly.spring_set.body):
         e = restitution[body] if body < len(restitution) else 0.0
         if e > 0.0:
             lost = _BY_RESTITUTION * (1.0 - e**2)
             lost += _BY_DAMPING * _damping_ratio(assembly, assembly.spring_set.body == body)
-            share = min(share, _LOSSLESS[min(order, 2)] + lost)
+            share = min(share, lossless + lost)
     return share
 
 

@@ -48,6 +48,8 @@ class Measurement:
     """Largest particle speed [m/s]."""
     max_penetration: float
     """Deepest that a free particle is inside a collider [m]; 0 if none is."""
+    max_overlap: float
+    """Largest part of their touching distance by which two particles in contact overlap [1]."""
     finite: bool
     """False if any coordinate or velocity is infinite or not a number."""
     torn: int = 0
@@ -65,6 +67,7 @@ class Diagnostics:
         self.laws = [law for law in parts.laws if hasattr(law, "energy_on")]
         self.strained = [law for law in parts.laws if hasattr(law, "strain_on")]
         self.colliders = parts.colliders
+        self.contact = parts.contact
         self.tears = parts.tears
         self.ledger = parts.ledger
         laws = self.laws
@@ -95,6 +98,7 @@ class Diagnostics:
             max_strain=strain,
             max_speed=speed,
             max_penetration=max(0.0, depth),
+            max_overlap=max((contact.deepest_overlap() for contact in self.contact), default=0.0),
             finite=bad == 0.0 and bool(np.isfinite(table).all()),
             torn=sum(tears.torn_count() for tears in self.tears),
             work=self.ledger[0].totals() if self.ledger else None,

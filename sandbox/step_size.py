@@ -86,7 +86,7 @@ class StepSize:
         self.solver = assembly.scene.solver
         self.load = worst_load(assembly)
         """The body that another one bears worst."""
-        self.safety = min(self.solver.safety, elastic_share(assembly, scheme.order))
+        self.safety = min(self.solver.safety, elastic_share(assembly))
         """Part of its limit that an automatic step takes [1]."""
         self.longest = LONGEST_AUTO_DT if self.load is None else min(LONGEST_AUTO_DT, self.load.step)
         """Longest automatic step [s]."""

@@ -78,6 +78,7 @@ class ParticleContact:
         self.met = place(builder, ti.field(ti.i32), state.count)
         self.share = place(builder, ti.field(self.real), state.count)
         self.partner = place(builder, ti.field(ti.i32), state.count * self.stride)
+        self.overlap = place(builder, ti.field(self.real), 1)
 
     def load(self, setup: ContactSetup) -> None:
         """Upload what tells particles and bodies apart; lists are made at the next step."""
@@ -101,6 +102,26 @@ class ParticleContact:
     def overflowed(self) -> bool:
         """Whether a list was too short since :meth:`load`: steps since then may have missed contacts."""
         return bool(self.neighbours.full[0])
+
+    def deepest_overlap(self) -> float:
+        """Largest part of their touching distance by which two particles overlap now [1]; 0 where none do.
+
+        Of those that were near in the last step; particles that may not meet do not count.
+        """
+        self._look_for_overlap(self.state.slot)
+        return float(self.overlap[0])
+
+    @ti.kernel
+    def _look_for_overlap(self, slot: int):
+        self.overlap[0] = 0.0
+        for i in range(self.state.count):
+            deepest = ti.cast(0.0, self.real)
+            for entry in range(i * self.stride, i * self.stride + self.neighbours.listed[i]):
+                j = self.neighbours.near[entry]
+                apart = (self.state.x[slot, i] - self.state.x[slot, j]).norm()
+                if self.state.inverse_mass[i] + self.state.inverse_mass[j] > 0.0:
+                    deepest = ti.max(deepest, 1.0 - apart / self.neighbours.touching(i, j))
+            ti.atomic_max(self.overlap[0], deepest)
 
     def resolve(self, source: int, target: int, dt: float) -> None:
         """Contacts of slot ``source``, where all have just drifted for dt [s]; the new state goes to ``target``."""

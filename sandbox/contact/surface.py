@@ -46,6 +46,14 @@ class Surface:
     rough = True
     bouncy = True
 
+    def restitution_of(self, i):
+        """Restitution of particle i [1]: a ti.func of each kind."""
+        raise NotImplementedError
+
+    def friction_of(self, i):
+        """Its coefficient of friction [1]: a ti.func of each kind."""
+        raise NotImplementedError
+
     @ti.func
     def answer(self, i, v, normal, kick, lag, done):
         """Normal velocity that the surface gives, and the mean normal velocity from the meeting to the end [m/s].

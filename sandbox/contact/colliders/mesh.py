@@ -161,6 +161,15 @@ class GridCollider(SolidCollider):
         return self._value(self._local(x))
 
     @ti.func
+    def closest(self, c, x):
+        """Signed distance from the surface [m], and the direction away from the solid there."""
+        local = self._local(x)
+        normal = self._normal(local)
+        if ti.static(self.placed):
+            normal = self.to_world @ normal
+        return self._value(local), normal
+
+    @ti.func
     def entry(self, c, start, end, radius):
         a, b = self._local(start), self._local(end)
         path = b - a
