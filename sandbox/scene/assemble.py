@@ -15,6 +15,7 @@ from sandbox.scene.action_checks import action_problems
 from sandbox.scene.action_plan import ActionPlan, check_indices, led_frames, parking, with_tools
 from sandbox.scene.appearance import Appearance
 from sandbox.scene.attachments import Carried
+from sandbox.scene.cells import SolidCells
 from sandbox.scene.lattice import FloatArray, IntArray
 from sandbox.scene.look import build_appearance
 from sandbox.scene.model import Body, Bracing, Collider, Custom, Material, Scene
@@ -24,6 +25,7 @@ from sandbox.scene.ordering import locality_order
 from sandbox.scene.placement import rotation_matrix, spin
 from sandbox.scene.selection import selected
 from sandbox.scene.shapes import Geometry, generate
+from sandbox.scene.shapes.geometry import no_elements
 from sandbox.scene.spring_set import SpringSet
 from sandbox.scene.surfaces import FaceSet, Gas
 
@@ -89,6 +91,8 @@ class Assembly:
     """Faces that the scene's wind blows on."""
     contacts: tuple[tuple[ContactPair, ...], ...]
     """One row a collider, one entry a body."""
+    cells: SolidCells
+    """Cells of all solids."""
     appearance: Appearance
     plan: ActionPlan
     """Room for what is done to the bodies."""
@@ -182,6 +186,12 @@ def assemble(scene: Scene) -> Assembly:
     order = locality_order(positions, particle_body, springs.ends)
     internal = np.empty_like(order)
     internal[order] = np.arange(len(order))
+    can_tear = springs.tears or plan.cuts
+    cells = SolidCells.of(
+        [part.cells_from(int(offset)) for part, offset in zip(parts, first, strict=False)],
+        positions,
+        springs.ends if can_tear else None,
+    )
     springs = springs.renumbered(internal)
     home = Home(positions[order], velocities[order], pinned[order])
     absent = np.isin(particle_body, plan.entering)[order]
@@ -208,9 +218,8 @@ def assemble(scene: Scene) -> Assembly:
         ),
         wind_faces=_faces_of(parts, faces, springs, scene, lambda part: scene.wind is not None and part.feels_wind),
         contacts=tuple(tuple(_combine(c, part.body.material) for part in parts) for c in scene.colliders),
-        appearance=build_appearance(
-            scene, [part.geometry for part in parts], positions, internal, springs, springs.tears or plan.cuts
-        ),
+        cells=cells.renumbered(internal),
+        appearance=build_appearance(scene, [part.geometry for part in parts], positions, internal, springs, can_tear),
         plan=plan,
         home=home,
     )
@@ -245,6 +254,13 @@ class _Part:
         if geometry.points.shape[1] == 3:
             return geometry.triangles if len(geometry.carried_nodes) == 0 else geometry.triangles[:0]
         return geometry.outline if len(geometry.outline) else geometry.capsules
+
+    def cells_from(self, first: int) -> tuple[IntArray, IntArray]:
+        """Cells of a solid, (C, 2^d), and in 2D the triangles that fill it, (T, 3), if its points count from there."""
+        geometry, flat = self.geometry, self.geometry.points.shape[1] == 2
+        cells = geometry.cells if len(geometry.cells) else no_elements(4 if flat else 8)
+        triangles = geometry.triangles if flat and not geometry.membrane else no_elements(3)
+        return cells + np.int32(first), triangles + np.int32(first)
 
     @property
     def feels_wind(self) -> bool:
