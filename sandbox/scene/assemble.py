@@ -25,7 +25,7 @@ from sandbox.scene.ordering import locality_order
 from sandbox.scene.placement import rotation_matrix, spin
 from sandbox.scene.selection import selected
 from sandbox.scene.shapes import Geometry, generate
-from sandbox.scene.shapes.geometry import no_elements
+from sandbox.scene.shapes.geometry import joining_radius, no_elements
 from sandbox.scene.spring_set import SpringSet
 from sandbox.scene.surfaces import FaceSet, Gas
 
@@ -138,7 +138,7 @@ class Assembly:
     def meets_particles(self) -> bool:
         """True where particles of some bodies can touch each other."""
         bodies = self.scene.bodies
-        touching = sum(body.radius > 0.0 for body in bodies) > 1 or any(body.self_contact for body in bodies)
+        touching = sum(body.has_radius for body in bodies) > 1 or any(body.self_contact for body in bodies)
         return self.scene.contact.enabled and touching
 
     @property
@@ -170,6 +170,7 @@ def assemble(scene: Scene) -> Assembly:
     parts = [_Part.build(index, body, scene) for index, body in enumerate(scene.bodies)]
     first = np.cumsum([0] + [len(part.masses) for part in parts])
     check_indices(scene, [len(part.masses) for part in parts])
+    radii = np.array([part.radius_for(f"bodies[{index}].radius") for index, part in enumerate(parts)])
     positions = np.concatenate([part.positions for part in parts])
     particle_body = np.repeat(np.arange(len(parts), dtype=np.int32), np.diff(first))
     own = [
@@ -204,7 +205,7 @@ def assemble(scene: Scene) -> Assembly:
         velocities=np.where(absent[:, None], 0.0, home.velocities),
         masses=masses[order],
         inverse_masses=np.where(home.pinned | absent, 0.0, 1.0 / masses[order]),
-        radii=np.array([body.radius for body in scene.bodies])[particle_body][order],
+        radii=radii[particle_body][order],
         particle_body=particle_body[order],
         spring_set=springs,
         families=held.families,
@@ -219,7 +220,9 @@ def assemble(scene: Scene) -> Assembly:
         wind_faces=_faces_of(parts, faces, springs, scene, lambda part: scene.wind is not None and part.feels_wind),
         contacts=tuple(tuple(_combine(c, part.body.material) for part in parts) for c in scene.colliders),
         cells=cells.renumbered(internal),
-        appearance=build_appearance(scene, [part.geometry for part in parts], positions, internal, springs, can_tear),
+        appearance=build_appearance(
+            scene, [part.geometry for part in parts], positions, internal, springs, can_tear, radii
+        ),
         plan=plan,
         home=home,
     )
@@ -254,6 +257,13 @@ class _Part:
         if geometry.points.shape[1] == 3:
             return geometry.triangles if len(geometry.carried_nodes) == 0 else geometry.triangles[:0]
         return geometry.outline if len(geometry.outline) else geometry.capsules
+
+    def radius_for(self, where: str) -> float:
+        """Contact radius of the particles [m]; raises SceneError, beginning with ``where``."""
+        try:
+            return joining_radius(self.geometry) if self.body.radius == "auto" else self.body.radius
+        except SceneError as error:
+            raise SceneError(f"{where}: {error}") from None
 
     def cells_from(self, first: int) -> tuple[IntArray, IntArray]:
         """Cells of a solid, (C, 2^d), and in 2D the triangles that fill it, (T, 3), if its points count from there."""

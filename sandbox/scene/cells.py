@@ -21,7 +21,7 @@ from sandbox.scene.surfaces import pair_springs
 
 MaskArray = NDArray[np.bool_]
 
-_FLAT = 0.05
+_FLAT = 0.3
 """Part of what a cell's corners span, below which a corner is too flat at rest to tell which way it turns [1]."""
 _AS_SQUARE = [0, 2, 1, 1]
 """A triangle as a square's corners, of which only the first one is looked at."""
