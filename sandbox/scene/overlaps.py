@@ -133,14 +133,13 @@ class BodyPairs:
         corners = cells.corners[slice(*np.searchsorted(cells.body, [body, body + 1]))]
         if not len(corners):
             return 0.0
-        # Within half an edge of a cell's middle: in the cell, and not only near it.
-        edge = 0.5 * float(self.spacing[body])
-        away, _ = cKDTree(positions[corners].mean(axis=1)).query(points, distance_upper_bound=edge)
-        if not (away < edge).any():
+        _, nearest = cKDTree(positions[corners].mean(axis=1)).query(points)
+        within = _in_cells(points, positions[corners[nearest]])
+        if not within.any():
             return 0.0
         node, uses = np.unique(corners, return_counts=True)
         surface = positions[node[uses < corners.shape[1]]]
-        return float(cKDTree(surface).query(points[away < edge])[0].max())
+        return float(cKDTree(surface).query(points[within])[0].max())
 
 
 def members_of(assembly: Assembly) -> list[NDArray[np.int64]]:
@@ -159,6 +158,18 @@ def spacing_of(assembly: Assembly) -> FloatArray:
         np.minimum.at(nearest, springs.ends[real, end], springs.rest_lengths[real])
     found = [nearest[own][np.isfinite(nearest[own])] for own in members_of(assembly)]
     return np.array([float(np.median(own)) if len(own) else 0.0 for own in found])
+
+
+def _in_cells(points: FloatArray, corners: FloatArray) -> NDArray[np.bool_]:
+    """Whether each point is in the cell of these corners, shape (P, 2^d, d), as if its sides were parallel; (P,)."""
+    dimension = points.shape[1]
+    number = np.arange(2**dimension)
+    halves = [(number >> axis) & 1 == 1 for axis in reversed(range(dimension))]
+    edges = np.stack([corners[:, far].mean(axis=1) - corners[:, ~far].mean(axis=1) for far in halves], axis=2)
+    flat = np.abs(np.linalg.det(edges)) <= 1e-12 * np.linalg.norm(edges, axis=1).prod(axis=1)
+    edges[flat] = np.eye(dimension)
+    place = np.linalg.solve(edges, (points - corners.mean(axis=1))[..., None])[..., 0]
+    return np.asarray((np.abs(place) <= 0.5).all(axis=1) & ~flat)
 
 
 def _within(points: FloatArray, box: tuple[FloatArray, FloatArray]) -> FloatArray:
