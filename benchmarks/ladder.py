@@ -30,8 +30,8 @@ from sandbox.scene.assemble import assemble
 from sandbox.scene.load import load_scene, scene_from_data
 from sandbox.scene.model import IntegratorName, Scene
 from sandbox.simulation import Simulation
-from sandbox.step_size import StabilityWarning
 from sandbox.trade.trial import with_solver
+from sandbox.warning_log import StabilityWarning
 
 SCHEMES = [str(name) for name in IntegratorName]
 EXPLICIT = ("explicit_euler", "symplectic_euler", "velocity_verlet", "midpoint", "heun", "rk4")

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from sandbox.scene.load import json_schema, load_scene, preset_paths, to_toml
     from sandbox.scene.model import Scene
     from sandbox.simulation import Simulation
-    from sandbox.step_size import StabilityWarning
+    from sandbox.warning_log import SceneWarning, StabilityWarning
 
 __version__ = "0.1.0"
 
@@ -36,6 +36,7 @@ __all__ = [
     "SandboxError",
     "Scene",
     "SceneError",
+    "SceneWarning",
     "Simulation",
     "StabilityWarning",
     "Summary",
@@ -58,7 +59,8 @@ _HOMES = {
     "Scene": "sandbox.scene.model",
     "SceneError": "sandbox.errors",
     "Simulation": "sandbox.simulation",
-    "StabilityWarning": "sandbox.step_size",
+    "SceneWarning": "sandbox.warning_log",
+    "StabilityWarning": "sandbox.warning_log",
     "Summary": "sandbox.headless",
     "Trajectory": "sandbox.output.trajectory",
     "json_schema": "sandbox.scene.load",

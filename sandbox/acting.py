@@ -1,5 +1,6 @@
 """Carries what an actor says into a running simulation, and takes orders while it runs."""
 
+import warnings
 from typing import Any
 
 from sandbox.actions.actor import Actor
@@ -9,6 +10,11 @@ from sandbox.actions.grips import Segment
 from sandbox.pipeline import Memory
 from sandbox.scene.action_plan import most_at_once
 from sandbox.scene.model import Action, Grab, Push, Shake
+from sandbox.warning_log import WarningKind
+
+
+class ActionWarning(UserWarning):
+    """An action found nothing to act on."""
 
 
 class Acting:
@@ -40,6 +46,9 @@ class Acting:
         ledger = simulation.parts.ledger
         before = simulation.energy().total if ledger else 0.0
         change = self.actor.perform(event, Situation(simulation))
+        if change.found_nothing:
+            simulation.warning_log.note(WarningKind.ACTION, change.found_nothing, f"actions[{event.action}]")
+            warnings.warn(change.found_nothing, ActionWarning, stacklevel=2)
         if change.assembly is not None:
             simulation.change(change.assembly, change.memory)
         if change.state is not None:

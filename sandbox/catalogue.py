@@ -46,7 +46,7 @@ def physics(assembly: Assembly) -> list[str]:
         "pins": bool((assembly.inverse_masses == 0.0).any()),
         "attachments": bool(scene.attachments),
         "self-contact": scene.contact.enabled and any(body.self_contact for body in scene.bodies),
-        "contact between bodies": scene.contact.enabled and sum(body.radius > 0.0 for body in scene.bodies) > 1,
+        "contact between bodies": scene.contact.enabled and sum(body.has_radius for body in scene.bodies) > 1,
     }
     done = sorted({action.kind for action in scene.actions})
     return [f"{scene.dimension}D", *(name for name, there in named.items() if there), *done, *_collisions(assembly)]

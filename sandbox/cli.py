@@ -4,6 +4,7 @@ import json
 import signal
 import sys
 import warnings
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -23,9 +24,10 @@ from sandbox.cli_options import (
     picture_size,
     scene_data,
 )
-from sandbox.errors import SandboxError, SceneError
+from sandbox.errors import DivergedError, SandboxError, SceneError
 from sandbox.scene.load import json_schema
 from sandbox.scene.model import IntegratorName, Scene
+from sandbox.warning_log import WARNING
 
 # Typer depends on click in some versions and carries its own copy in others; it exports only this leaf.
 _UsageError: Any = typer.BadParameter.__base__
@@ -65,7 +67,7 @@ def run(
     actions: ActionsOption = None,
     trajectory: cli_export.TrajectoryOption = None,
     export: cli_export.ExportOption = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors and warnings.")] = False,
     json_: JsonOption = False,
     verbose: Annotated[bool, typer.Option("--verbose", help="Show Taichi's own log.")] = False,
 ) -> None:
@@ -98,8 +100,13 @@ def run(
     try:
         with naming(scene), _progress(loaded, quiet or json_) as progress:
             summary = run_scene(loaded, options, progress)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as interrupt:
+        _tell(getattr(interrupt, "__notes__", []))
         raise SandboxError(f"interrupted; {options.folder} holds what was simulated until then") from None
+    except DivergedError as error:
+        _tell(getattr(error, "__notes__", []))
+        raise
+    _tell([f"{WARNING}{line}" for line in summary.warnings])
     if json_:
         typer.echo((options.folder / "summary.json").read_text(encoding="utf-8"), nl=False)
     elif not quiet:
@@ -259,7 +266,7 @@ def validate(
     with_: WithOption = None,
     actions: ActionsOption = None,
 ) -> None:
-    """Check a scene file, and what is done to it; say in one line what is wrong."""
+    """Check a scene file, and what is done to it; say in one line what is wrong, and of what one should be warned."""
     loaded = load(file, set_, fragments=with_)
     if actions is not None:
         loaded, _ = act_on(loaded, actions, None)
@@ -267,9 +274,27 @@ def validate(
 
     try:
         assembly = assemble(loaded)
+        remarks = _remarks(assembly)
     except SceneError as error:
         raise SceneError(f"{file}: {error}") from None
+    _tell([f"{WARNING}{remark.line}" for remark in remarks])
     typer.echo(f"{file}: ok, {assembly.particle_count} particles, {assembly.spring_count} springs")
+
+
+def _remarks(assembly: Any) -> list[Any]:
+    """What one can be warned of without simulating a scene."""
+    from sandbox.recording import late_actions
+    from sandbox.start import start_remarks
+
+    remarks = [*start_remarks(assembly), *late_actions(assembly.scene)]
+    if assembly.scene.solver.dt != "auto":
+        from sandbox.integrators.schemes import SCHEMES
+        from sandbox.pipeline import network_of
+        from sandbox.step_size import StepSize
+
+        scheme = SCHEMES[assembly.scene.solver.integrator]
+        remarks.extend(StepSize(scheme, assembly, network_of(assembly.unheld())).remarks())
+    return remarks
 
 
 @app.command()
@@ -290,13 +315,26 @@ def _progress(scene: Scene, silent: bool) -> Any:
     return ProgressBar(scene.title or "simulating", scene.duration)
 
 
+_told: set[str] = set()
+"""Warnings that this command has printed."""
+
+
 def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-    print(f"warning: {message}", file=sys.stderr)
+    _tell([f"{WARNING}{message}"])
+
+
+def _tell(lines: Iterable[str]) -> None:
+    """Print lines of warnings, each once."""
+    for line in map(str, lines):
+        if line not in _told:
+            _told.add(line)
+            print(line, file=sys.stderr)
 
 
 def main() -> None:
     """Entry point: every error that a user can make is one line and exit code 2."""
     warnings.showwarning = _show_warning
+    _told.clear()
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         code = app(standalone_mode=False)

@@ -5,15 +5,19 @@ a bounce to give back the energy that it took, or for a light particle to bear w
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sandbox import limits
 from sandbox.contact.particle_contact import PUSH, PUSH_ACCELERATION
+from sandbox.integrators.schemes import ImplicitScheme, RungeKuttaScheme, Scheme, SplittingScheme
 from sandbox.scene.assemble import Assembly, combine_bodies
 from sandbox.scene.model import IntegratorName
-from sandbox.stability import FloatArray
+from sandbox.stability import FloatArray, SpringNetwork
+from sandbox.warning_log import Remark, WarningKind
 
 _LOSSLESS = {IntegratorName.SYMPLECTIC_EULER: 0.02, IntegratorName.VELOCITY_VERLET: 0.05, IntegratorName.RK4: 0.05}
 """Part of the limit at which bounces without loss keep their energy to 2 % [1]; other schemes keep none themselves."""
@@ -25,6 +29,8 @@ _SETTLING = 1.75
 """How much deeper than at rest a load goes when it arrives [1]."""
 _PATCH = 4.0
 """Part of a face that touches when a body lies on another is 1 over this [1]."""
+MOST_LOST = 0.1
+"""Part of a rebound that a scheme may damp before it is told [1]."""
 _BORNE = 0.5
 """Part of the fastest parting that a push can hold against a load [1]."""
 
@@ -130,3 +136,36 @@ def worst_load(assembly: Assembly) -> Load | None:
         return None
     names = [one.name for one in scene.bodies]
     return Load(names[heavy], names[light], float(ratio[heavy, light]), float(steps[heavy, light]))
+
+
+def contact_remarks(assembly: Assembly, load: Load | None, dt: float) -> Iterator[Remark]:
+    """What particles in contact cannot bear at steps of ``dt`` [s]."""
+    if load is None:
+        return
+    on = f"{load.heavy!r} may come to lie on {load.light!r}"
+    if load.too_heavy:
+        line = f"{on}, and is too heavy for its particles to bear at any step: it will sink in"
+        yield Remark(WarningKind.OVERLOADED, line)
+    elif assembly.scene.solver.dt != "auto" and dt > load.step:
+        line = f"{on}, which its particles bear with steps up to {load.step:.3g} s; at {dt:.3g} s it will sink in"
+        yield Remark(WarningKind.OVERLOADED, line)
+
+
+def bounce_lost(scheme: Scheme, assembly: Assembly, network: SpringNetwork, dt: float) -> float:
+    """Part of the speed of a rebound that the scheme's own damping takes at steps of ``dt`` [s] [1].
+
+    A body rebounds in half a period of its slowest deformation, in which implicit Euler, and what solves for it, takes
+    1 - exp(-pi omega h / 2) (Hairer, Lubich and Wanner 2003). 0 where nothing bounces, and for other schemes.
+    """
+    damps = not isinstance(scheme, SplittingScheme | RungeKuttaScheme)
+    if not damps or (isinstance(scheme, ImplicitScheme) and scheme.order == 2):
+        return 0.0
+    bouncy = (_bounciest(assembly) > 0.0)[assembly.particle_body]
+    if not bouncy.any():
+        return 0.0
+    # Bodies that bounce alone: what is held or lies still may be as slow as it likes.
+    body = np.where(bouncy, assembly.particle_body, -1)
+    omegas = [
+        limits.slowest_of(network, assembly.positions, np.flatnonzero(body == one)) for one in np.unique(body[bouncy])
+    ]
+    return 1.0 - math.exp(-0.5 * math.pi * max(omegas, default=0.0) * dt)

@@ -1,17 +1,22 @@
 """What a state is worth knowing by: energies, momenta, largest strain, speed and penetration, finiteness.
 
 One kernel measures everything that the scene has, in blocks of particles whose sums are added in
-order on the host: the numbers do not depend on the number of threads.
+order on the host: the numbers do not depend on the number of threads. Where bodies have cells, another
+one counts those that are inside out.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import taichi as ti
 
 from sandbox import runtime
+from sandbox.group_blocks import GroupBlocks
 from sandbox.parts import Parts
+from sandbox.scene.assemble import Assembly
+from sandbox.scene.cells import SolidCells
 from sandbox.state import ParticleState, place
 
 _BLOCK = 256
@@ -54,16 +59,24 @@ class Measurement:
     """False if any coordinate or velocity is infinite or not a number."""
     torn: int = 0
     """Springs torn so far."""
+    inverted: Mapping[int, int] = field(default_factory=dict)
+    """Cells that are inside out by body, of those that have any: see :mod:`sandbox.scene.cells`."""
     work: Mapping[str, float] | None = None
     """Work done on the bodies since the start, by term of the ledger [J]; None without a ledger."""
+
+    @property
+    def inverted_cells(self) -> int:
+        """Cells of all bodies that are inside out."""
+        return sum(self.inverted.values())
 
 
 @ti.data_oriented
 class Diagnostics:
-    """Measures a state with the laws and colliders that act on it."""
+    """Measures a state with the laws and colliders that act on it, and the cells that its particles make."""
 
-    def __init__(self, builder: ti.FieldsBuilder, state: ParticleState, parts: Parts) -> None:
+    def __init__(self, builder: ti.FieldsBuilder, state: ParticleState, parts: Parts, cells: SolidCells) -> None:
         self.state = state
+        self.cells = [CellTurns(builder, state, cells, parts.tears)] if len(cells) else []
         self.laws = [law for law in parts.laws if hasattr(law, "energy_on")]
         self.strained = [law for law in parts.laws if hasattr(law, "strain_on")]
         self.colliders = parts.colliders
@@ -101,8 +114,14 @@ class Diagnostics:
             max_overlap=max((contact.deepest_overlap() for contact in self.contact), default=0.0),
             finite=bad == 0.0 and bool(np.isfinite(table).all()),
             torn=sum(tears.torn_count() for tears in self.tears),
+            inverted=self.cells[0].inverted() if self.cells else {},
             work=self.ledger[0].totals() if self.ledger else None,
         )
+
+    def load(self, assembly: Assembly) -> None:
+        """Upload what does not change."""
+        for cells in self.cells:
+            cells.load()
 
     @ti.kernel
     def _measure(self, slot: int):
@@ -170,3 +189,88 @@ class Diagnostics:
         for block in range(self.blocks):
             for column in range(self.width):
                 table[block, column] = self.table[block, column]
+
+
+@ti.data_oriented
+class CellTurns:
+    """Counts the cells of bodies that are inside out; those with a torn spring are no cells any more."""
+
+    def __init__(
+        self, builder: ti.FieldsBuilder, state: ParticleState, cells: SolidCells, tears: Sequence[Any]
+    ) -> None:
+        self.state = state
+        self.cells = cells
+        self.blocks = GroupBlocks.of(cells.body, int(cells.body[-1]) + 1)
+        self.block_count = len(self.blocks.group)
+        self.width = cells.corners.shape[1]
+        self.tears = tears if cells.springs.shape[1] else []
+        self.first = place(builder, ti.field(ti.i32), self.block_count + 1)
+        self.corner = place(builder, ti.field(ti.i32), *cells.corners.shape)
+        self.watched = place(builder, ti.field(ti.i32), len(cells))
+        if self.tears:
+            self.pairs = cells.springs.shape[1]
+            self.spring = place(builder, ti.field(ti.i32), *cells.springs.shape)
+
+    def load(self) -> None:
+        """Upload the cells."""
+        self._write(self.blocks.first, self.cells.corners, self.cells.watched, self.cells.springs)
+
+    def inverted(self) -> dict[int, int]:
+        """Inverted cells by body, of bodies that have any."""
+        counts = np.empty(self.block_count, dtype=np.int32)
+        self._count(self.state.slot, counts)
+        bodies = np.bincount(self.blocks.group, counts).astype(int)
+        return {int(body): int(bodies[body]) for body in np.flatnonzero(bodies)}
+
+    @ti.kernel
+    def _count(self, slot: int, counts: ti.types.ndarray()):
+        ti.loop_config(serialize=self.state.serialize)
+        for block in range(self.block_count):
+            count = 0
+            for c in range(self.first[block], self.first[block + 1]):
+                count += self.is_inverted(c, slot)
+            counts[block] = count
+
+    @ti.func
+    def is_inverted(self, c, slot) -> ti.i32:
+        """1 where a corner of cell c turns the other way than at rest."""
+        inverted = 0
+        for k in range(self.width):
+            x = self.state.x[slot, self.corner[c, k]]
+            span = 0.0 * x[0]
+            if ti.static(self.state.dimension == 2):
+                span = self.edge(c, k, 2, x, slot).cross(self.edge(c, k, 1, x, slot))
+            else:
+                span = self.edge(c, k, 4, x, slot).cross(self.edge(c, k, 2, x, slot)).dot(self.edge(c, k, 1, x, slot))
+            if span < 0.0 and (self.watched[c] >> k) & 1 == 1:
+                inverted = 1
+        if ti.static(self.tears):
+            for p in range(self.pairs):
+                if self.spring[c, p] >= 0:
+                    if self.tears[0].torn[self.spring[c, p]] != 0:
+                        inverted = 0
+        return inverted
+
+    @ti.func
+    def edge(self, c, k, axis, x, slot):
+        """From corner k of cell c, at x, along an axis of the cell, forward from both of its ends [m]."""
+        along = self.state.x[slot, self.corner[c, k ^ axis]] - x
+        return ti.select((k & axis) == 0, 1.0, -1.0) * along
+
+    @ti.kernel
+    def _write(
+        self,
+        first: ti.types.ndarray(),
+        corner: ti.types.ndarray(),
+        watched: ti.types.ndarray(),
+        spring: ti.types.ndarray(),
+    ):
+        for b in range(first.shape[0]):
+            self.first[b] = first[b]
+        for c in range(watched.shape[0]):
+            self.watched[c] = watched[c]
+            for k in range(self.width):
+                self.corner[c, k] = corner[c, k]
+            if ti.static(self.tears):
+                for p in range(self.pairs):
+                    self.spring[c, p] = spring[c, p]

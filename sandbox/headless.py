@@ -1,15 +1,11 @@
 """A headless run: simulate, measure, draw, and leave a run folder."""
 
-import contextlib
 import math
 import os
 import platform
 import time as clock
-import warnings
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 import imageio.v3 as iio
@@ -24,7 +20,7 @@ from sandbox.exports import FrameRecorder, check_outputs
 from sandbox.output.folder import RunFolder
 from sandbox.output.inline import InlinePicture, InlineVideo
 from sandbox.output.metrics import MetricsWriter
-from sandbox.output.progress import NoProgress, ProgressReport
+from sandbox.output.progress import NoProgress, ProgressReport, Timings
 from sandbox.output.video import PictureWriter, open_writer
 from sandbox.particle_values import ParticleValues
 from sandbox.recording import late_actions
@@ -33,6 +29,7 @@ from sandbox.render.overlay import mark
 from sandbox.scene.load import to_toml
 from sandbox.scene.model import ColorBy, Scene
 from sandbox.simulation import Simulation
+from sandbox.warning_log import WARNING
 
 RENDERERS = tuple(RendererName)
 VIDEOS = ("mp4", "webm", "gif", "png", "none")
@@ -69,37 +66,6 @@ class RunOptions:
         return self.out or Path("outputs") / self.name
 
 
-@dataclass
-class Timings:
-    """Wall time of the parts of a run [s]."""
-
-    setup: float = 0.0
-    """Building the simulation and the renderer, less what the first picture then compiles."""
-    first_step: float = 0.0
-    """From the start of the run to the first simulated picture, compilation included."""
-    simulate: list[float] = field(default_factory=list)
-    render: list[float] = field(default_factory=list)
-    encode: list[float] = field(default_factory=list)
-    export: list[float] = field(default_factory=list)
-    """Trajectory and mesh files."""
-
-    @contextlib.contextmanager
-    def measure(self, part: str) -> Iterator[None]:
-        """Add the block's wall time to ``part``."""
-        start = clock.perf_counter()
-        yield
-        getattr(self, part).append(clock.perf_counter() - start)
-
-    def summary(self, total: float) -> dict[str, float]:
-        """Seconds a part; medians leave out the first picture, which compiles."""
-        table = {"setup": self.setup, "first_step": self.first_step, "total": total}
-        for part in ("simulate", "render", "encode", *(["export"] if self.export else [])):
-            values = getattr(self, part)
-            table[part] = sum(values)
-            table[f"{part}_median_per_picture"] = median(values[1:] or values or [0.0])
-        return table
-
-
 @dataclass(frozen=True)
 class Summary:
     """What a run came to; summary.json."""
@@ -134,6 +100,10 @@ class Summary:
     energy_end: dict[str, float]
     max_strain: float
     """Largest strain of any measured instant [1]."""
+    inverted_cells: int
+    """Cells that are inside out at the end."""
+    most_inverted_cells: int
+    """Most of any measured instant."""
     torn_springs: int
     """Springs that have torn."""
     first_tear: float | None
@@ -167,8 +137,6 @@ def run(scene: Scene, options: RunOptions, progress: ProgressReport | None = Non
     last good state was written.
     """
     check_options(options)
-    for line in late_actions(scene):
-        warnings.warn(line, stacklevel=2)
     start = clock.perf_counter()
     folder = RunFolder(options.folder)
     failure: BaseException | None = None
@@ -180,6 +148,8 @@ def run(scene: Scene, options: RunOptions, progress: ProgressReport | None = Non
             failure = error
         summary = recorder.finish(failure)
     if failure is not None:
+        for line in summary.warnings:
+            failure.add_note(f"{WARNING}{line}")
         raise failure
     return summary
 
@@ -205,18 +175,17 @@ class _Recorder:
             threads=options.threads,
             verbose=options.verbose,
         )
+        self.simulation.warning_log.open(late_actions(scene))
         if options.resume is not None:
             self._resume(options.resume)
         self.stable_dt = self.simulation.initial_stable_dt
         self.renderer, self.values = self._open_renderer()
         video = "none" if isinstance(self.renderer, NullRenderer) else options.video
         self.writer: PictureWriter = open_writer(folder.partial, video, scene.render.fps)
-        tears = self.simulation.assembly.spring_set.tears
-        self.metrics = MetricsWriter(
-            folder.partial / "metrics.csv", scene.dimension, tears=tears, ledger=scene.diagnostics.ledger
-        )
+        self.metrics = MetricsWriter(folder.partial / "metrics.csv", self.simulation.assembly)
         self.first = self.simulation.measure()
         self.max_strain = self.first.max_strain
+        self.most_inverted = self.first.inverted_cells
         self.balance = EnergyBalance(self.first) if scene.diagnostics.ledger else None
         self.torn = self.first.torn
         self.first_tear: float | None = None
@@ -265,6 +234,7 @@ class _Recorder:
             if number == 1:
                 self.timings.first_step = clock.perf_counter() - self.start
             self.max_strain = max(self.max_strain, measured.max_strain)
+            self.most_inverted = max(self.most_inverted, measured.inverted_cells)
             self.metrics.write(number, simulation.time, measured)
             self._note_tears(measured.torn, simulation.time)
             if self.balance is not None:
@@ -384,6 +354,8 @@ class _Recorder:
             energy_start=_energies(self.first.energy),
             energy_end=_energies(simulation.energy()),
             max_strain=self.max_strain,
+            inverted_cells=simulation.measure().inverted_cells,
+            most_inverted_cells=self.most_inverted,
             torn_springs=self.torn,
             first_tear=self.first_tear,
             work=None if (work := simulation.measure().work) is None else dict(work),

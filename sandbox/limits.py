@@ -162,11 +162,11 @@ def slowest_frequency(network: SpringNetwork, positions: FloatArray, body: NDArr
     frequencies = []
     for number in np.unique(body):
         members = np.flatnonzero(body == number)
-        frequencies.append(_slowest_of(network, positions, members))
+        frequencies.append(slowest_of(network, positions, members))
     return min((omega for omega in frequencies if omega > 0.0), default=0.0)
 
 
-def _slowest_of(network: SpringNetwork, positions: FloatArray, members: NDArray[np.int64]) -> float:
+def slowest_of(network: SpringNetwork, positions: FloatArray, members: NDArray[np.int64]) -> float:
     """The same for the body of these particles."""
     # Only implicit schemes come here: the others need not wait for the import.
     from scipy.linalg import eigh, null_space

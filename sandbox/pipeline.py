@@ -128,10 +128,10 @@ def build_pipeline(assembly: Assembly, scheme: Scheme, serial: bool, neighbours:
     setup = contact_setup(assembly, neighbours) if assembly.meets_particles else None
     if setup is not None:
         parts.contact.append(ParticleContact(builder, setup, state, ledger))
-    diagnostics = Diagnostics(builder, state, parts)
+    diagnostics = Diagnostics(builder, state, parts, assembly.cells)
     stepper = build_stepper(builder, scheme, state, parts, assembly, serial)
     tree = builder.finalize()
-    loading = [part for part in [*loads, *solids.parts, stepper] if hasattr(part, "load")]
+    loading = [part for part in [*loads, *solids.parts, stepper, diagnostics] if hasattr(part, "load")]
     for part in loading:
         part.load(assembly)
     if setup is not None:

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 
 from pydantic import Field, ValidationError
@@ -12,6 +13,7 @@ from sandbox.files import replace_when_whole
 from sandbox.scene.load import check_dimensions, describe, read_toml, to_toml
 from sandbox.scene.model import Action, Interaction, Precision, Scene
 from sandbox.scene.model.base import Index, Model, Positive
+from sandbox.warning_log import Remark, WarningKind
 
 
 class Header(Model):
@@ -65,13 +67,12 @@ def begin_of(action: Action) -> float:
     return next((time for time in times if time is not None), 0.0)
 
 
-def late_actions(scene: Scene) -> list[str]:
-    """One line for every action that begins only when the run is over."""
-    lines = []
+def late_actions(scene: Scene) -> Iterator[Remark]:
+    """One remark for every action that begins only when the run is over."""
     for number, action in enumerate(scene.actions):
         if (begins := begin_of(action)) >= scene.duration:
-            lines.append(f"actions[{number}]: begins at {begins:g} s, when the run is over ({scene.duration:g} s)")
-    return lines
+            line = f"actions[{number}]: begins at {begins:g} s, when the run is over ({scene.duration:g} s)"
+            yield Remark(WarningKind.ACTION, line, f"actions[{number}] is late")
 
 
 def with_actions(scene: Scene, file: ActionFile, source: str) -> Scene:

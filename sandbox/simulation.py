@@ -19,9 +19,10 @@ from sandbox.pipeline import MOST_NEIGHBOURS, Memory, Pipeline, build_pipeline, 
 from sandbox.postmortem import describe
 from sandbox.scene.assemble import Assembly, assemble
 from sandbox.scene.model import Scene, Solver
-from sandbox.start import check_memory, check_start
+from sandbox.start import check_memory, check_start, start_remarks
 from sandbox.step_size import EnergyWatch, Rescue, StepSize
-from sandbox.warning_log import WarningLog
+from sandbox.warning_log import WarningKind, WarningLog
+from sandbox.watch import Watch
 
 FloatArray = NDArray[np.float64]
 
@@ -36,7 +37,7 @@ class Simulation(Observed):
     precision : "f32" or "f64"; by default the scene's
     threads : CPU threads; by default all cores. The trajectory does not depend on it.
     serial : one launch for all steps of a frame, or a parallel one a step; by default what is faster for the size
-    warns : whether a fixed step above the stability limit is warned of; it takes time to find that limit
+    warns : whether to look out for what the simulation cannot do, see :attr:`warnings`; it takes a little time
 
     Raises SceneError where the scene cannot be built, RuntimeUnavailableError where ``arch`` is not there.
     """
@@ -72,10 +73,13 @@ class Simulation(Observed):
         self._neighbours = first_neighbours(self.assembly)
         self._measurement: Measurement | None = None
         check_start(self.assembly, self.precision)
-        self._steps = StepSize(self.scheme, self.assembly, self._network, warns)
+        self._steps = StepSize(self.scheme, self.assembly, self._network)
         self.dt = self._steps.chosen
         """Longest step [s]; every call divides its time into equal steps of at most this."""
-        self._watch = EnergyWatch.of(self.assembly) if scene.solver.adapt is not None else None
+        if warns:
+            self.warning_log.open([*self._steps.remarks(), *start_remarks(self.assembly)])
+        self._watch = Watch(self.assembly, self.warning_log) if warns else None
+        self._energy_watch = EnergyWatch.of(self.assembly) if scene.solver.adapt is not None else None
         self._first_solver = scene.solver
         self.explains_failures = True
         """Whether a blow-up is looked into step by step; studies that provoke them have no time for that."""
@@ -119,6 +123,8 @@ class Simulation(Observed):
         for done in range(0, steps, between_checks):
             self._advance_checked(min(between_checks, steps - done), dt)
             self.time = start + min(done + between_checks, steps) * dt
+            if self._watch is not None:
+                self._watch.look(self)
             if self.dt != longest and done + between_checks < steps:
                 return False
         return True
@@ -132,7 +138,7 @@ class Simulation(Observed):
 
     def _advance_checked(self, steps: int, dt: float) -> None:
         pipeline = self._wake()
-        before = self.measure() if self._watch is not None else None
+        before = self.measure() if self._energy_watch is not None else None
         pipeline.keep()
         pipeline.stepper.advance(steps, dt, self.time)
         self._measurement = None
@@ -142,7 +148,7 @@ class Simulation(Observed):
             self._advance_checked(steps, dt)
             return
         alarm = pipeline.alarm()
-        gained = self._watch is not None and self._watch.is_suspicious(before, self.measure())
+        gained = self._energy_watch is not None and self._energy_watch.is_suspicious(before, self.measure())
         if alarm or gained or self._out_of_bounds(self.measure()):
             error = self._diverged(steps, dt) if self.explains_failures else self._given_up()
             self._rescue(steps, dt, error)
@@ -158,6 +164,7 @@ class Simulation(Observed):
             raise error
         self.dt = 0.5 * dt
         self.rescues.append(Rescue(time=self.time, dt=self.dt, reason=str(error)))
+        self.warning_log.note(WarningKind.RESCUED, self.rescues[-1].line(len(self.rescues)))
         self._advance_checked(2 * steps, self.dt)
 
     def _widen_contact(self) -> None:
@@ -201,6 +208,7 @@ class Simulation(Observed):
         self._measurement = None
         self.time = self.time if time is None else time
         self._wake().set_time(self.time)
+        self._look_anew()
 
     def restore(self) -> None:
         """Go back to the start of the scene, with everything compiled."""
@@ -213,6 +221,13 @@ class Simulation(Observed):
         self._measurement = None
         self.time = 0.0
         self.dt = self._steps.begin_again(self.dt)
+        self.warning_log.begin_again()
+        self._look_anew()
+
+    def _look_anew(self) -> None:
+        """The state has become another one: what was seen of the last one says nothing of it."""
+        if self._watch is not None:
+            self._watch.begin(self)
 
     def retune(self, assembly: Assembly) -> None:
         """Go to the start with other masses and springs of the same bodies, with everything compiled."""
@@ -326,7 +341,7 @@ class Simulation(Observed):
         if self.acting is not None:
             self.acting.actor.use(solver)
         self.serial = self._is_serial()
-        self._steps = StepSize(self.scheme, self.assembly, self._network, warns=False)
+        self._steps = StepSize(self.scheme, self.assembly, self._network)
         self.dt = self._steps.chosen
         # Schemes remember each their own.
         known, self._asleep_memory = self._asleep_memory or {}, None

@@ -1,6 +1,6 @@
-"""What must be true of a scene before its first step, and of a state to go on from. NumPy only."""
+"""What must or should be true of a scene before its first step, and of a state to go on from. NumPy only."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +8,13 @@ from numpy.typing import NDArray
 from sandbox.errors import SceneError
 from sandbox.postmortem import Failure
 from sandbox.scene.assemble import Assembly
+from sandbox.scene.overlaps import BodyPairs, Solids, spacing_of
+from sandbox.warning_log import Remark, WarningKind
 
+_NAMED = 3
+"""Most bodies, or pairs of them, that one line names."""
+_GRAZING = 0.1
+"""Part of a body's spacing that a particle's center may start inside a collider [1]."""
 _COARSEST = 0.01
 """Most of the shortest spring that rounding may take from a coordinate [1]."""
 
@@ -41,3 +47,31 @@ def check_memory(first: Mapping[str, NDArray[np.float64]], memory: Mapping[str, 
             continue  # a run may begin its books anew
         if name not in memory or memory[name].shape != values.shape or not np.isfinite(memory[name]).all():
             raise SceneError(f"state: {name} must be {len(values)} finite numbers for this scene")
+
+
+def start_remarks(assembly: Assembly) -> Iterator[Remark]:
+    """What is in another thing's place at the start: bodies in each other, bodies inside colliders."""
+    names = [body.name for body in assembly.scene.bodies]
+    for touching, end in ((True, ""), (False, f"; {NO_RADIUS}")):
+        pairs = BodyPairs(assembly, touching)
+        overlaps = pairs.overlaps(assembly.positions) if pairs else []
+        if overlaps:
+            told = [f"{names[o.first]!r} and {names[o.second]!r} by {o.depth:.2g} m" for o in overlaps]
+            line = f"bodies overlap at the start: {few(told, 'pairs')}{end}"
+            yield Remark(WarningKind.STARTS_OVERLAPPING, line, "" if touching else "no radius")
+    if assembly.colliders:
+        least = _GRAZING * spacing_of(assembly) + 1e-5 * float(np.abs(assembly.positions).max())
+        sunk = Solids(assembly).sunk(assembly.positions, assembly.inverse_masses, 0.0, least, radii=0.0)
+        told = [f"{names[one.body]!r} {one.depth:.2g} m deep in {one.collider}" for one in sunk]
+        if told:
+            yield Remark(WarningKind.STARTS_INSIDE, f"bodies start inside colliders: {few(told, 'bodies')}")
+
+
+NO_RADIUS = 'they pass through each other, for want of a contact radius: give both radius = "auto", or a number'
+"""What is the matter with bodies that cannot meet."""
+
+
+def few(told: Sequence[str], what: str, between: str = ", ") -> str:
+    """The first few of a list, and how many more there are."""
+    more = len(told) - _NAMED
+    return between.join(told[:_NAMED]) + (f", and {more} more {what}" if more > 0 else "")

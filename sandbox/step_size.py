@@ -1,19 +1,19 @@
 """How long the steps of a run are: chosen before it, looked at again as shapes change, halved in a rescue."""
 
 import functools
-import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from sandbox import limits
-from sandbox.contact_limits import elastic_share, worst_load
+from sandbox.contact_limits import MOST_LOST, bounce_lost, contact_remarks, elastic_share, worst_load
 from sandbox.diagnostics import Measurement
 from sandbox.errors import SceneError
 from sandbox.integrators.schemes import Scheme
 from sandbox.scene.assemble import Assembly
 from sandbox.stability import FloatArray, SpringNetwork
+from sandbox.warning_log import Remark, WarningKind
 
 LONGEST_AUTO_DT = 1.0 / 240.0
 """Step that dt = "auto" takes where stability or accuracy would allow a longer one [s]: contact wants to be seen in
@@ -30,10 +30,6 @@ _SHORTER, _LONGER = 0.9, 1.25
 """By how much the step must change to be changed at all [1]."""
 
 
-class StabilityWarning(UserWarning):
-    """A fixed step is longer than the scheme can take in this scene."""
-
-
 @dataclass(frozen=True)
 class Rescue:
     """A return to the last good picture, with steps half as long from there on."""
@@ -44,6 +40,10 @@ class Rescue:
     """Longest step since [s]."""
     reason: str
     """What had gone wrong."""
+
+    def line(self, count: int) -> str:
+        """It was the last one of so many, in a line."""
+        return f"rescued {count} times, last from t = {self.time:.4g} s on with dt = {self.dt:.3g} s: {self.reason}"
 
 
 @dataclass
@@ -78,11 +78,11 @@ class EnergyWatch:
 class StepSize:
     """Chooses the longest step of a scene for its scheme.
 
-    ``warns`` tells whether a fixed step above the limit is warned of. Raises SceneError where no step would do.
+    Raises SceneError where no step would do.
     """
 
-    def __init__(self, scheme: Scheme, assembly: Assembly, network: SpringNetwork, warns: bool) -> None:
-        self.scheme, self.assembly, self.network, self.warns = scheme, assembly, network, warns
+    def __init__(self, scheme: Scheme, assembly: Assembly, network: SpringNetwork) -> None:
+        self.scheme, self.assembly, self.network = scheme, assembly, network
         self.solver = assembly.scene.solver
         self.load = worst_load(assembly)
         """The body that another one bears worst."""
@@ -106,6 +106,24 @@ class StepSize:
     def limit(self) -> float:
         """Stability limit of the scheme in the shape that the scene starts with [s]; takes a while to find."""
         return self._limit(self.network, self.assembly.positions)
+
+    def remarks(self) -> Iterator[Remark]:
+        """What will go wrong with the step; a fixed one has its limit looked for, which takes a while."""
+        yield from contact_remarks(self.assembly, self.load, self.chosen)
+        lost = bounce_lost(self.scheme, self.assembly, self.network, self.chosen)
+        if lost > MOST_LOST:
+            yield Remark(
+                WarningKind.IMPLICIT_BOUNCE,
+                f"bodies bounce lower than their restitution says: {self.solver.integrator} damps {lost:.0%} of "
+                f"the speed of a rebound at dt = {self.chosen:.3g} s; take a shorter one, or another scheme",
+            )
+        wanted = self.solver.dt
+        if wanted != "auto" and wanted > self.limit:
+            yield Remark(
+                WarningKind.STEP_ABOVE_LIMIT,
+                f"solver.dt = {wanted:.4g} s is above the stability limit {self.limit:.4g} s of "
+                f"{self.solver.integrator} in this scene; expect it to diverge",
+            )
 
     def refreshed(
         self,
@@ -168,11 +186,4 @@ class StepSize:
                 self.scheme, network, self.assembly.positions, self.assembly.particle_body, self.solver.accuracy
             )
             return min(step, self.longest)
-        if self.warns and wanted > self.limit:
-            warnings.warn(
-                f"solver.dt = {wanted:.4g} s is above the stability limit {self.limit:.4g} s of "
-                f"{self.solver.integrator} in this scene; expect it to diverge",
-                StabilityWarning,
-                stacklevel=4,
-            )
         return float(wanted)

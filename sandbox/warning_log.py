@@ -1,10 +1,20 @@
 """What a run could not do, in one list: printed at its end, kept in its summary, and in ``Simulation.warnings``."""
 
+import warnings
+from collections.abc import Iterable
+from dataclasses import dataclass
 from enum import StrEnum
+
+WARNING = "warning: "
+"""What a warning's line begins with where it is printed."""
 
 
 class SceneWarning(UserWarning):
     """Something about a scene that is known before its first step, and will not be as its author expects."""
+
+
+class StabilityWarning(SceneWarning):
+    """A fixed step is longer than the scheme can take in this scene."""
 
 
 class WarningKind(StrEnum):
@@ -40,11 +50,34 @@ class WarningKind(StrEnum):
     """A mesh file is of an odd size, or not well covered by its lattice."""
 
 
+@dataclass(frozen=True)
+class Remark:
+    """A warning that has not been given yet."""
+
+    kind: WarningKind
+    line: str
+    about: str = ""
+    """What it is about, where there may be several of a kind."""
+
+
 class WarningLog:
     """Warnings of one simulation, in the order in which they first arose."""
 
     def __init__(self) -> None:
         self._lines: dict[tuple[WarningKind, str], str] = {}
+        self._first: dict[tuple[WarningKind, str], str] = {}
+
+    def open(self, remarks: Iterable[Remark], stacklevel: int = 3) -> None:
+        """Say what is known before the first step, as Python warnings of the caller's caller too."""
+        for remark in remarks:
+            self._first[remark.kind, remark.about] = remark.line
+            category = StabilityWarning if remark.kind is WarningKind.STEP_ABOVE_LIMIT else SceneWarning
+            warnings.warn(remark.line, category, stacklevel=stacklevel)
+        self.begin_again()
+
+    def begin_again(self) -> None:
+        """Forget all but what was known before the first step."""
+        self._lines = dict(self._first)
 
     def note(self, kind: WarningKind, line: str, about: str = "") -> None:
         """Say ``line``; it takes the place of what was said of that kind ``about`` the same thing."""

@@ -55,7 +55,7 @@ def test_resume_ends_where_the_whole_run_ends(run_cli, tmp_path):
     assert code == 2 and "is at 0.2 s already" in errors
 
 
-@pytest.mark.filterwarnings("always::sandbox.step_size.StabilityWarning")
+@pytest.mark.filterwarnings("always::sandbox.warning_log.StabilityWarning")
 def test_a_blow_up_is_exit_code_3_and_loses_nothing(run_cli, tmp_path):
     out = tmp_path / "boom"
     code, _, errors = run_cli("run", "drop_2d", "--set", "solver.dt=0.002", *SMALL, "--out", out, "--quiet")

@@ -6,7 +6,7 @@ import pytest
 from sandbox import DivergedError, Simulation
 from tests.conftest import make_scene, oscillator
 
-pytestmark = pytest.mark.filterwarnings("ignore::sandbox.step_size.StabilityWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::sandbox.warning_log.StabilityWarning")
 
 
 def unstable(adapt: str | None, most: int = 8):

@@ -8,7 +8,6 @@ scene once. Nothing is compiled for it while a simulation runs.
 import bisect
 import itertools
 import math
-import warnings
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -45,10 +44,6 @@ _STRENGTH = 5.0 * 9.81
 """Largest force of a grip over the body's mass, if nobody says [m/s^2]."""
 _STABLE = 0.3
 """Most of dt times the frequency, or the rate, of a grip's springs at one particle: any scheme can take that [1]."""
-
-
-class ActionWarning(UserWarning):
-    """An action found nothing to act on."""
 
 
 class Actor:
@@ -194,8 +189,7 @@ class Actor:
         positions = now.state[0]
         grip = gripped(now.assembly, positions, self.free, action)
         if grip is None:
-            self._nothing(event.action, "grab")
-            return Change()
+            return _nothing(event.action, "grab")
         row = self.grips.index(-1)
         self.grips[row] = event.action
         mass = float(self.base.masses[self.base.particle_body == grip.body].sum())
@@ -217,8 +211,7 @@ class Actor:
     def _push(self, number: int, action: Push, now: Situation) -> Change:
         pushed = chosen(now.assembly, now.state[0], action) & ~self.held
         if not pushed.any():
-            self._nothing(number, "push")
-            return Change()
+            return _nothing(number, "push")
         row = self.pushes.index(-1)
         self.pushes[row] = number
         self._forces[row] = pushed[:, None] * (np.asarray(action.force) / pushed.sum())
@@ -238,8 +231,7 @@ class Actor:
         x, v, seen = now.state
         struck = chosen(now.assembly, x, action) & ~self.held
         if not struck.any():
-            self._nothing(number, "poke")
-            return Change()
+            return _nothing(number, "poke")
         gain = np.where(struck[:, None], np.asarray(action.impulse) / self.base.masses[struck].sum(), 0.0)
         return Change(state=(x, v + gain, seen + gain))
 
@@ -247,9 +239,8 @@ class Actor:
         begin, end = event.part / parts, (event.part + 1) / parts
         parted = np.asarray(crossed(now.assembly, now.state[0], action, begin, end) & (self.factors > 0.0))
         if not parted.any():
-            if event.part + 1 == parts and event.action not in self._parting:
-                self._nothing(event.action, "cut")
-            return Change()
+            vain = event.part + 1 == parts and event.action not in self._parting
+            return _nothing(event.action, "cut") if vain else Change()
         self._parting.add(event.action)
         self.factors[parted] = 0.0
         marks = now.memory["springs.torn"].copy()
@@ -260,8 +251,7 @@ class Actor:
         mask = chosen(now.assembly, now.state[0], action)
         reformed = np.asarray(mask[now.assembly.springs].all(axis=1))
         if not reformed.any():
-            self._nothing(number, action.kind)
-            return Change()
+            return _nothing(number, action.kind)
         factor = action.factor ** (1.0 / parts)
         self.factors[reformed] *= factor
         change = self._sprung(now, {}, reformed, factor)
@@ -279,8 +269,7 @@ class Actor:
     def _hold(self, number: int, action: PinDown | Unpin, now: Situation) -> Change:
         mask = chosen(now.assembly, now.state[0], action) & self.entered[self.base.particle_body]
         if not mask.any():
-            self._nothing(number, action.kind)
-            return Change()
+            return _nothing(number, action.kind)
         x, v, seen = now.state
         if isinstance(action, PinDown):
             self.held = self.held | mask
@@ -300,9 +289,6 @@ class Actor:
         for values in (v, seen):
             values[mine] = np.where(self.held[mine, None], 0.0, self.base.home.velocities[mine])
         return Change(assembly=self.current(), state=(x, v, seen), stiffer=True)
-
-    def _nothing(self, number: int, verb: str) -> None:
-        warnings.warn(f"actions[{number}]: finds nothing to {verb}", ActionWarning, stacklevel=2)
 
     # -- the scene as it is now ---------------------------------------------------------------------
 
@@ -355,6 +341,10 @@ class Actor:
         grips, shakes = self.plan.grips, self.plan.shakes
         self.grips, self.shakes, self.pushes = rows[:grips], rows[grips : grips + shakes], rows[grips + shakes :]
         self._forces = values["actions.forces"].copy()
+
+
+def _nothing(number: int, verb: str) -> Change:
+    return Change(found_nothing=f"actions[{number}]: finds nothing to {verb}")
 
 
 def _switched(solver: Solver, action: Switch) -> Solver:

@@ -72,6 +72,8 @@ class Change:
     memory: Memory = field(default_factory=dict)
     """What parts remember otherwise."""
     solver: Solver | None = None
+    found_nothing: str = ""
+    """A line that says so, of an action that found nothing to act on."""
     stiffer: bool = False
     """Whether the stability limit may be another one."""
 

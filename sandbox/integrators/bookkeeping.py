@@ -129,3 +129,31 @@ class Bookkeeping:
                 self.collide(i, conservative, moved - dt * (v - free), free, v, mean, dt)
         elif ti.static(self.carries):
             self.drive(i, begun, v, 0.0)
+
+    @ti.func
+    def settle(self, i, conservative):
+        """Book the second half of what colliders moved particle i by at the end of the last step, see below."""
+        if ti.static(self.collides):
+            work = 0.5 * conservative.dot(self.ledger.take(MOVED, i))
+            self.ledger.add(self.collision_term, i, -work)
+
+    @ti.func
+    def land(self, i, begun, conservative, moved, free, v):
+        """Book the end of a step that flies to its end as if there were no colliders, and is then put right by them.
+
+        It began with a velocity ``begun`` and flew to one of ``free``; colliders and carriers made that v [m/s], and
+        moved the particle by ``moved`` [m], against the forces before, ``conservative`` [N], and those behind: half
+        each.
+        """
+        if ti.static(self.meets):
+            self.met(i, begun, begun)
+        if self.state.inverse_mass[i] > 0.0:
+            if ti.static(self.collides):
+                mean = 0.5 * (free + v)
+                rubbed = self.ledger.take(RUBBED, i)
+                self.ledger.add(self.friction_term, i, rubbed.dot(mean))
+                given = self.state.mass[i] * (v - free) - rubbed
+                self.ledger.add(self.collision_term, i, given.dot(mean) - 0.5 * conservative.dot(moved))
+                self.ledger.hand_in(MOVED, i, moved)
+        elif ti.static(self.carries):
+            self.drive(i, begun, v, 0.0)

@@ -42,9 +42,11 @@ _LOST = 1e-3**2
 """Square of the part of all impulses above which what is left of the residual means that nothing was solved [1]."""
 _DROWNED = 0.1**2
 """Square of the part of all impulses that rounding must leave for a solution to mean anything [1]."""
+_UNSOLVED = 0.05**2
+"""Square of the part of all impulses above which what is left of a step's residual makes it a wrong one [1]."""
 _EXACT = 1e-6
 """Square of the part of the tolerance at which a step needs no direction at all [1]."""
-_STEPS, _NEWTON, _MOST_NEWTON, _LINEAR, _MOST_LINEAR, _RESIDUAL, _UNFINISHED, _REPLACED = range(8)
+_STEPS, _NEWTON, _MOST_NEWTON, _LINEAR, _MOST_LINEAR, _RESIDUAL, _UNFINISHED, _REPLACED, _WRONG = range(9)
 
 
 @ti.data_oriented
@@ -66,13 +68,13 @@ class Newton:
         counts = (place(builder, ti.field(ti.i32), 1) for _ in range(10))
         self.iterations, self.linear_iterations, self.opened, self.cuts, self.stretches, self.rounds, *flags = counts
         self.searching, self.solved, self.code, self.drowned = flags
-        self.tally = place(builder, ti.field(fine), 8)
+        self.tally = place(builder, ti.field(fine), 9)
 
     def report(self) -> dict[str, float]:
         """Iterations a step since the start, mean and most, and the largest relative residual that a step ended with.
 
-        ``unfinished`` is the part of steps that ran out of iterations, ``replaced`` of those that the scheme could not
-        take, see :meth:`is_lost`.
+        ``unfinished`` is the part of steps that ran out of iterations, ``unsolved`` of those that ended far from a
+        solution, ``replaced`` of those that the scheme could not take, see :meth:`is_lost`.
         """
         tally = self.tally.to_numpy()
         steps = max(1.0, float(tally[_STEPS]))
@@ -84,6 +86,7 @@ class Newton:
             "cg_most": float(tally[_MOST_LINEAR]),
             "residual": float(np.sqrt(tally[_RESIDUAL])),
             "unfinished": float(tally[_UNFINISHED]) / steps,
+            "unsolved": float(tally[_WRONG]) / steps,
             "replaced": float(tally[_REPLACED]) / steps,
         }
 
@@ -204,3 +207,5 @@ class Newton:
             tally[_RESIDUAL] = ti.max(tally[_RESIDUAL], relative)
             if relative > self.tolerance2 and self.residual[0] > self.linear.noise[0]:
                 tally[_UNFINISHED] += 1.0
+                if relative > _UNSOLVED:
+                    tally[_WRONG] += 1.0

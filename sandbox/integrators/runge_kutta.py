@@ -131,6 +131,8 @@ class RungeKutta(Stepper):
         lossy = self.vector(0.0)
         for books in ti.static(self.books):
             lossy = self.book_stage(books, i, at, self.weight[stage], force)
+            if stage == 0:
+                books.settle(i, force - lossy)
         to = at + 1
         if stage == 0:
             to = FIRST_STAGE_SLOT
@@ -139,7 +141,7 @@ class RungeKutta(Stepper):
             free_x, free_v = x, v
             x, v = self.end.meet_pressed(i, start, x, v, v - self.decay[stage] * self.state.v[slot, i], dt)
             for books in ti.static(self.books):
-                books.finish(i, self.state.v[slot, i], force - lossy, x - free_x, free_v, v, dt)
+                books.land(i, self.state.v[slot, i], force - lossy, x - free_x, free_v, v)
         elif ti.static(self.stage_end.colliders):
             x, v = self.stage_end.meet_pressed(i, start, x, v, 0.0 * v, self.moment[stage + 1])
         self.state.x[to, i] = x

@@ -6,6 +6,7 @@ from typing import Any
 
 from sandbox.diagnostics import Measurement
 from sandbox.ledger import TERMS
+from sandbox.scene.assemble import Assembly
 
 _AXES = "xyz"
 
@@ -13,18 +14,19 @@ _AXES = "xyz"
 class MetricsWriter:
     """Writes a row for every measured instant."""
 
-    def __init__(self, path: Path, dimension: int, tears: bool = False, ledger: bool = False) -> None:
-        """``tears`` and ``ledger`` add columns that only such scenes have."""
-        self._tears, self._ledger = tears, ledger
+    def __init__(self, path: Path, assembly: Assembly) -> None:
+        cells, tears, ledger = len(assembly.cells) > 0, assembly.spring_set.tears, assembly.scene.diagnostics.ledger
+        self._cells, self._tears, self._ledger = cells, tears, ledger
         self._file = path.open("w", newline="", encoding="utf-8")
         self._writer: Any = csv.writer(self._file)
-        axes = _AXES[:dimension]
-        turns = ["z"] if dimension == 2 else list(axes)
+        axes = _AXES[: assembly.dimension]
+        turns = ["z"] if assembly.dimension == 2 else list(axes)
         self._writer.writerow(
             ["frame", "time_s", "kinetic_J", "elastic_J", "gravity_J", "gas_J", "total_J"]
             + [f"momentum_{axis}_kg_m_s" for axis in axes]
             + [f"angular_momentum_{axis}_kg_m2_s" for axis in turns]
             + ["max_strain", "max_speed_m_s", "max_penetration_m"]
+            + (["inverted_cells"] if cells else [])
             + (["torn_springs"] if tears else [])
             + ([f"work_{term}_J" for term in TERMS] if ledger else [])
         )
@@ -37,12 +39,13 @@ class MetricsWriter:
             *(*measured.momentum, *measured.angular_momentum),
             *(measured.max_strain, measured.max_speed, measured.max_penetration),
         ]
+        if self._cells:
+            numbers.append(measured.inverted_cells)
+        if self._tears:
+            numbers.append(measured.torn)
         if self._ledger and measured.work is not None:
             numbers.extend(measured.work[term] for term in TERMS)
-        row = [f"{number:.9g}" for number in numbers]
-        if self._tears:
-            row.insert(len(row) - (len(TERMS) if self._ledger else 0), str(measured.torn))
-        self._writer.writerow([frame, *row])
+        self._writer.writerow([frame, *(f"{number:.9g}" for number in numbers)])
 
     def close(self) -> None:
         """Finish the file."""

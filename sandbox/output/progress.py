@@ -1,5 +1,10 @@
-"""A progress bar on standard error: how far, how fast against real time, how long still."""
+"""How a run goes: a progress bar on standard error, with how fast against real time, and where its time went."""
 
+import contextlib
+import time as clock
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from statistics import median
 from types import TracebackType
 from typing import Protocol
 
@@ -52,3 +57,34 @@ class ProgressBar:
             self._progress.start()
             self._started = True
         self._progress.update(self._task, completed=simulated, simulated=simulated, factor=real_time_factor)
+
+
+@dataclass
+class Timings:
+    """Wall time of the parts of a run [s]."""
+
+    setup: float = 0.0
+    """Building the simulation and the renderer, less what the first picture then compiles."""
+    first_step: float = 0.0
+    """From the start of the run to the first simulated picture, compilation included."""
+    simulate: list[float] = field(default_factory=list)
+    render: list[float] = field(default_factory=list)
+    encode: list[float] = field(default_factory=list)
+    export: list[float] = field(default_factory=list)
+    """Trajectory and mesh files."""
+
+    @contextlib.contextmanager
+    def measure(self, part: str) -> Iterator[None]:
+        """Add the block's wall time to ``part``."""
+        start = clock.perf_counter()
+        yield
+        getattr(self, part).append(clock.perf_counter() - start)
+
+    def summary(self, total: float) -> dict[str, float]:
+        """Seconds a part; medians leave out the first picture, which compiles."""
+        table = {"setup": self.setup, "first_step": self.first_step, "total": total}
+        for part in ("simulate", "render", "encode", *(["export"] if self.export else [])):
+            values = getattr(self, part)
+            table[part] = sum(values)
+            table[f"{part}_median_per_picture"] = median(values[1:] or values or [0.0])
+        return table

@@ -15,6 +15,7 @@ from sandbox.scene.action_checks import action_problems
 from sandbox.scene.action_plan import ActionPlan, check_indices, led_frames, parking, with_tools
 from sandbox.scene.appearance import Appearance
 from sandbox.scene.attachments import Carried
+from sandbox.scene.cells import SolidCells
 from sandbox.scene.lattice import FloatArray, IntArray
 from sandbox.scene.look import build_appearance
 from sandbox.scene.model import Body, Bracing, Collider, Custom, Material, Scene
@@ -24,6 +25,7 @@ from sandbox.scene.ordering import locality_order
 from sandbox.scene.placement import rotation_matrix, spin
 from sandbox.scene.selection import selected
 from sandbox.scene.shapes import Geometry, generate
+from sandbox.scene.shapes.geometry import joining_radius, no_elements
 from sandbox.scene.spring_set import SpringSet
 from sandbox.scene.surfaces import FaceSet, Gas
 
@@ -89,6 +91,8 @@ class Assembly:
     """Faces that the scene's wind blows on."""
     contacts: tuple[tuple[ContactPair, ...], ...]
     """One row a collider, one entry a body."""
+    cells: SolidCells
+    """Cells of all solids."""
     appearance: Appearance
     plan: ActionPlan
     """Room for what is done to the bodies."""
@@ -134,7 +138,7 @@ class Assembly:
     def meets_particles(self) -> bool:
         """True where particles of some bodies can touch each other."""
         bodies = self.scene.bodies
-        touching = sum(body.radius > 0.0 for body in bodies) > 1 or any(body.self_contact for body in bodies)
+        touching = sum(body.has_radius for body in bodies) > 1 or any(body.self_contact for body in bodies)
         return self.scene.contact.enabled and touching
 
     @property
@@ -166,6 +170,7 @@ def assemble(scene: Scene) -> Assembly:
     parts = [_Part.build(index, body, scene) for index, body in enumerate(scene.bodies)]
     first = np.cumsum([0] + [len(part.masses) for part in parts])
     check_indices(scene, [len(part.masses) for part in parts])
+    radii = np.array([part.radius_for(f"bodies[{index}].radius") for index, part in enumerate(parts)])
     positions = np.concatenate([part.positions for part in parts])
     particle_body = np.repeat(np.arange(len(parts), dtype=np.int32), np.diff(first))
     own = [
@@ -182,6 +187,12 @@ def assemble(scene: Scene) -> Assembly:
     order = locality_order(positions, particle_body, springs.ends)
     internal = np.empty_like(order)
     internal[order] = np.arange(len(order))
+    can_tear = springs.tears or plan.cuts
+    cells = SolidCells.of(
+        [part.cells_from(int(offset)) for part, offset in zip(parts, first, strict=False)],
+        positions,
+        springs.ends if can_tear else None,
+    )
     springs = springs.renumbered(internal)
     home = Home(positions[order], velocities[order], pinned[order])
     absent = np.isin(particle_body, plan.entering)[order]
@@ -194,7 +205,7 @@ def assemble(scene: Scene) -> Assembly:
         velocities=np.where(absent[:, None], 0.0, home.velocities),
         masses=masses[order],
         inverse_masses=np.where(home.pinned | absent, 0.0, 1.0 / masses[order]),
-        radii=np.array([body.radius for body in scene.bodies])[particle_body][order],
+        radii=radii[particle_body][order],
         particle_body=particle_body[order],
         spring_set=springs,
         families=held.families,
@@ -208,8 +219,9 @@ def assemble(scene: Scene) -> Assembly:
         ),
         wind_faces=_faces_of(parts, faces, springs, scene, lambda part: scene.wind is not None and part.feels_wind),
         contacts=tuple(tuple(_combine(c, part.body.material) for part in parts) for c in scene.colliders),
+        cells=cells.renumbered(internal),
         appearance=build_appearance(
-            scene, [part.geometry for part in parts], positions, internal, springs, springs.tears or plan.cuts
+            scene, [part.geometry for part in parts], positions, internal, springs, can_tear, radii
         ),
         plan=plan,
         home=home,
@@ -245,6 +257,20 @@ class _Part:
         if geometry.points.shape[1] == 3:
             return geometry.triangles if len(geometry.carried_nodes) == 0 else geometry.triangles[:0]
         return geometry.outline if len(geometry.outline) else geometry.capsules
+
+    def radius_for(self, where: str) -> float:
+        """Contact radius of the particles [m]; raises SceneError, beginning with ``where``."""
+        try:
+            return joining_radius(self.geometry) if self.body.radius == "auto" else self.body.radius
+        except SceneError as error:
+            raise SceneError(f"{where}: {error}") from None
+
+    def cells_from(self, first: int) -> tuple[IntArray, IntArray]:
+        """Cells of a solid, (C, 2^d), and in 2D the triangles that fill it, (T, 3), if its points count from there."""
+        geometry, flat = self.geometry, self.geometry.points.shape[1] == 2
+        cells = geometry.cells if len(geometry.cells) else no_elements(4 if flat else 8)
+        triangles = geometry.triangles if flat and not geometry.membrane else no_elements(3)
+        return cells + np.int32(first), triangles + np.int32(first)
 
     @property
     def feels_wind(self) -> bool:

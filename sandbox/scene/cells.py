@@ -1,20 +1,30 @@
-"""What is there to be seen once springs have torn: cells of bodies, and the faces that hang on them. NumPy only.
+"""Cells of bodies: which way round those of solids are, and what is seen where springs have torn. NumPy only.
 
 A cell is a piece of a body that is there or not: a cube or a square of a lattice, a triangle of a sheet or of a filled
 outline, a rod. It is broken when so many of its springs have torn that it may no longer keep its shape. A face is seen
 where the cells behind it are whole, and the cell in front of it, if there is one, is broken.
+
+A cell of a solid is inverted where some of its corners is: where the edges that lead out of it no longer turn the way
+that they do at rest. Springs do not mind: they hold what is inside out as firmly as what is not.
 """
 
+import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sandbox.scene.lattice import FloatArray, IntArray
+from sandbox.scene.surfaces import pair_springs
 
 MaskArray = NDArray[np.bool_]
+
+_FLAT = 0.3
+"""Part of what a cell's corners span, below which a corner is too flat at rest to tell which way it turns [1]."""
+_AS_SQUARE = [0, 2, 1, 1]
+"""A triangle as a square's corners, of which only the first one is looked at."""
 
 FARTHEST = {2: 2.0, 3: 1.75}
 """How far a point moves into a gap, in depths of the faces there, at most: as at a corner of a triangle or a cube."""
@@ -114,6 +124,66 @@ class Cells:
         if torn is None:
             return np.zeros(len(self.limit), dtype=bool)
         return np.asarray(_sums(torn[self.springs] != 0, self.start) >= self.limit)
+
+
+@dataclass(frozen=True)
+class SolidCells:
+    """C cells of solids in d dimensions, body after body, in internal particle indices."""
+
+    corners: IntArray
+    """Particles at the corners, which count up in binary, x first, shape (C, 2^d); of a triangle, some twice."""
+    watched: IntArray
+    """Corners that turn the right way at rest, a bit each: all others are left out, shape (C,)."""
+    body: IntArray
+    """Body of every cell, rising, shape (C,)."""
+    springs: IntArray
+    """Springs between corners, -1 for none, shape (C, most of a cell); no columns where none can tear."""
+
+    def __len__(self) -> int:
+        return len(self.body)
+
+    @classmethod
+    def of(
+        cls, bodies: "Sequence[tuple[IntArray, IntArray]]", positions: FloatArray, springs: IntArray | None
+    ) -> "SolidCells":
+        """Cells of every body, (C, 2^d), and its filling triangles, (T, 3), of which those count where it has no cells.
+
+        Scene order, where particles start [m], shape (N, d). ``springs`` are those that can tear, None if none can.
+        """
+        width = 2 ** positions.shape[1]
+        own = [cells if len(cells) else triangles[:, _AS_SQUARE].reshape(-1, width) for cells, triangles in bodies]
+        triangular = [len(cells) == 0 for cells, _ in bodies]
+        corners = np.concatenate([np.zeros((0, width), np.int32), *own]).astype(np.int32)
+        body = np.repeat(np.arange(len(own), dtype=np.int32), [len(cells) for cells in own])
+        volumes = corner_volumes(positions, corners)
+        typical = np.median(np.abs(volumes), axis=1, keepdims=True) if len(volumes) else volumes
+        turns = volumes > _FLAT * typical
+        turns[:, 1:] &= ~np.repeat(triangular, [len(cells) for cells in own])[:, None]
+        watched = (turns << np.arange(width)).sum(axis=1)
+        between = np.zeros((len(corners), 0), dtype=np.int32)
+        if springs is not None and len(corners):
+            pairs = np.array(list(itertools.combinations(range(width), 2)))
+            between = pair_springs(corners[:, pairs].reshape(-1, 2), springs).reshape(len(corners), -1)
+        return cls(corners, watched.astype(np.int32), body, between)
+
+    def renumbered(self, internal: NDArray[np.int64]) -> "SolidCells":
+        """The same with particles by other numbers, shape (N,)."""
+        return replace(self, corners=internal[self.corners].astype(np.int32))
+
+
+def corner_volumes(points: FloatArray, corners: IntArray) -> FloatArray:
+    """Volume (2D: area) that the edges out of every corner span, positive the right way round, shape (C, 2^d).
+
+    [m^3] or [m^2]; ``corners`` count up in binary, x first, shape (C, 2^d).
+    """
+    axes = [1 << axis for axis in reversed(range(points.shape[1]))]
+    columns = []
+    for corner in range(corners.shape[1]):
+        origin = points[corners[:, corner]]
+        x, y, *z = ((points[corners[:, corner ^ axis]] - origin).T for axis in axes)
+        turn = np.cross(x, y, axis=0) if z else x[0] * y[1] - x[1] * y[0]
+        columns.append((-1.0) ** corner.bit_count() * ((turn * z[0]).sum(axis=0) if z else turn))
+    return np.stack(columns, axis=1)
 
 
 def gap_points(points: FloatArray, inner: IntArray, depth: FloatArray, outer: IntArray) -> FloatArray:

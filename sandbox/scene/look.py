@@ -26,10 +26,12 @@ def build_appearance(
     internal: NDArray[np.int64],
     springs: SpringSet,
     can_tear: bool,
+    radii: FloatArray,
 ) -> Appearance:
     """Drawable elements in internal particle indices. ``positions`` are in scene order [m], springs internal.
 
-    Where springs ``can_tear``, by themselves or by being cut, the insides of bodies are among the elements.
+    ``radii`` are those of the bodies' particles [m], shape (B,). Where springs ``can_tear``, by themselves or by being
+    cut, the insides of bodies are among the elements.
     """
     first = np.cumsum([0] + [len(g.points) for g in geometries])
     element = _element_size(geometries)
@@ -65,7 +67,7 @@ def build_appearance(
     spheres = np.concatenate([s + offset for s, offset in zip(shown, first, strict=False)])
     sphere_body = np.repeat(np.arange(len(shown), dtype=np.int32), [len(s) for s in shown])
     rod = np.array([g.capsule_radius or _STRUT_RADIUS * element for g in geometries])
-    bead = np.array([body.radius or _BALL_RADIUS * element for body in scene.bodies])
+    bead = np.where(radii > 0.0, radii, _BALL_RADIUS * element)
     carried_nodes, carried_weights = _carried(geometries, first, internal)
     return Appearance(
         dimension=scene.dimension,
@@ -88,7 +90,7 @@ def build_appearance(
         particle_count=len(positions),
         carried_nodes=carried_nodes,
         carried_weights=carried_weights,
-        body_radius=np.array([body.radius for body in scene.bodies]),
+        body_radius=radii,
         cells=None if inside is None else inside.cells,
     )
 

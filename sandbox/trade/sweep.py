@@ -21,12 +21,12 @@ from sandbox.errors import DivergedError, SandboxError, SceneError
 from sandbox.files import replace_when_whole
 from sandbox.headless import RunOptions, check_options, run
 from sandbox.output.folder import RunFolder
-from sandbox.step_size import StabilityWarning
 from sandbox.trade.combinations import Combination, SceneData, Variation, combinations
 from sandbox.trade.crew import Failed, Job, open_crew, work_off
 from sandbox.trade.progress import Progress, progress_bar
 from sandbox.trade.sweep_table import Row, row_of, write_sheet, write_tables
 from sandbox.trade.trial import engine_digest
+from sandbox.warning_log import SceneWarning
 
 STAMP = ".sweep.json"
 """In a run folder: what it holds. In the folder of a sweep: of what."""
@@ -138,7 +138,7 @@ def _run_in(place: "RunPlace", task: Task) -> Result:
     try:
         place.claim()
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", StabilityWarning)
+            warnings.simplefilter("ignore", SceneWarning)
             run(task.combination.scene, replace(task.options, out=place.folder))
     except DivergedError:
         pass  # the summary says so

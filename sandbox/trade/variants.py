@@ -124,7 +124,7 @@ def _of_contact(assembly: Assembly) -> _Parts:
         if any(body.self_contact for body in scene.bodies):
             passing = _with_bodies(scene, lambda body: _but(body, self_contact=False))
             yield "no self-contact", "bodies pass through themselves", Change.REMOVES, passing
-        if sum(body.radius > 0.0 for body in scene.bodies) > 1:
+        if sum(body.has_radius for body in scene.bodies) > 1:
             off = _but(scene, contact=_but(scene.contact, enabled=False))
             yield "no particle contact", "bodies meet colliders only", Change.REMOVES, off
         for factor, word in ((2.0, "twice"), (0.5, "half")):

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from sandbox.actions.actor import ActionWarning
+from sandbox.acting import ActionWarning
 from sandbox.errors import SceneError
 from sandbox.session import Session
 from tests.conftest import make_scene

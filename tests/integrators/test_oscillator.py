@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sandbox import DivergedError
-from sandbox.step_size import StabilityWarning
+from sandbox.warning_log import StabilityWarning
 from tests import analytical
 from tests.conftest import make_scene, oscillator
 

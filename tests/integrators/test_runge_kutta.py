@@ -15,7 +15,7 @@ OMEGA = math.sqrt(1000.0)
 ORDERS = {"explicit_euler": 1, "midpoint": 2, "heun": 2, "rk4": 4}
 
 
-@pytest.mark.filterwarnings("ignore::sandbox.step_size.StabilityWarning")
+@pytest.mark.filterwarnings("ignore::sandbox.warning_log.StabilityWarning")
 @pytest.mark.parametrize("zeta", [0.0, 0.1])
 @pytest.mark.parametrize("integrator", ORDERS)
 def test_matches_the_exact_discrete_solution(simulate, integrator, zeta):

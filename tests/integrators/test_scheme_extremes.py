@@ -92,19 +92,19 @@ def endure(simulation: Simulation, integrator: str, cases: Iterable[tuple[float,
     assert (stopped > 0) == (integrator not in BOUNDED)
 
 
-@pytest.mark.filterwarnings("ignore::sandbox.step_size.StabilityWarning")
+@pytest.mark.filterwarnings("ignore::sandbox.warning_log.StabilityWarning")
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_a_scheme_at_the_extremes(simulate, integrator):
     endure(simulate(box(integrator)), integrator, ALL)
 
 
-@pytest.mark.filterwarnings("ignore::sandbox.step_size.StabilityWarning")
+@pytest.mark.filterwarnings("ignore::sandbox.warning_log.StabilityWarning")
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_a_scheme_at_the_corners_of_the_extremes_in_f32(simulate, integrator):
     endure(simulate(box(integrator, precision="f32")), integrator, CORNERS)
 
 
-@pytest.mark.filterwarnings("ignore::sandbox.step_size.StabilityWarning")
+@pytest.mark.filterwarnings("ignore::sandbox.warning_log.StabilityWarning")
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_a_scheme_at_the_corners_of_the_extremes_in_3d_with_a_floor(simulate, integrator):
     # In f64 where steps are solved for: that is where a floor was found to let energy grow.

@@ -118,7 +118,7 @@ def test_export_simulates_a_scene(run_cli, tmp_path):
     assert not (out / "video.mp4").exists()
 
 
-@pytest.mark.filterwarnings("always::sandbox.step_size.StabilityWarning")
+@pytest.mark.filterwarnings("always::sandbox.warning_log.StabilityWarning")
 def test_only_the_start_is_drawn_where_there_is_nothing_else(run_cli, tmp_path):
     """Of a run that went wrong at once."""
     arguments = ("--set", "solver.dt=0.01", "--trajectory", "npz", "--renderer", "none", "--quiet")

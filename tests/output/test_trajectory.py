@@ -101,7 +101,7 @@ def writer_like(trajectory, folder):
     return TrajectoryWriter(folder, TrajectoryKind.NPZ, trajectory.scene, info)
 
 
-@pytest.mark.filterwarnings("always::sandbox.step_size.StabilityWarning")
+@pytest.mark.filterwarnings("always::sandbox.warning_log.StabilityWarning")
 def test_a_blow_up_keeps_what_was_before_it(tmp_path):
     scene = load_scene("drop_2d", {"duration": 1.0, "solver.dt": 0.00171})
     with pytest.raises(DivergedError) as caught:

@@ -1,5 +1,7 @@
 """Bodies: what they are made of, what is inside, and what holds them."""
 
+from typing import Literal
+
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
@@ -104,8 +106,10 @@ class Body(Model):
     angular_velocity: Rotation | None = Field(
         None, description="initial angular velocity about the position [rad/s]; one number in 2D, three in 3D"
     )
-    radius: NonNegative = Field(
-        0.0, description="radius of the body's particles [m]; bodies with radii meet each other, with 0 only colliders"
+    radius: NonNegative | Literal["auto"] = Field(
+        0.0,
+        description="radius of the body's particles [m]; bodies with radii meet each other, with 0 only colliders; "
+        '"auto": half the distance of neighbours, so that the body has no gaps',
     )
     self_contact: Flag = Field(False, description="particles of this body meet each other, by their radius")
     pressure: Pressure | None = Field(None, description="gas inside the body, which must be closed")
@@ -118,9 +122,14 @@ class Body(Model):
 
     @model_validator(mode="after")
     def _touches(self) -> "Body":
-        if self.self_contact and self.radius == 0.0:
+        if self.self_contact and not self.has_radius:
             raise PydanticCustomError("needs_radius", "self_contact needs radius > 0", {})
         return self
+
+    @property
+    def has_radius(self) -> bool:
+        """Whether other bodies meet this one."""
+        return self.radius == "auto" or self.radius > 0.0
 
 
 class Attachment(Model):

@@ -5,7 +5,11 @@ from functools import singledispatch
 
 import numpy as np
 
+from sandbox.errors import SceneError
 from sandbox.scene.lattice import FloatArray, IntArray
+
+_JOINING = 0.525
+"""Radius of particles over their distance where it is to leave no gap [1]."""
 
 
 def no_elements(width: int) -> IntArray:
@@ -64,6 +68,23 @@ class Geometry:
 def lengths(points: FloatArray, springs: IntArray) -> FloatArray:
     """Distance between the ends of every spring [m], shape (S,)."""
     return np.asarray(np.linalg.norm(points[springs[:, 1]] - points[springs[:, 0]], axis=1))
+
+
+def joining_radius(geometry: Geometry) -> float:
+    """Radius that leaves no gap between a body's particles [m]: a little over half of the way to a neighbour.
+
+    Of the longest such way that it takes to get through all of the body along springs. Neighbours overlap at rest, and
+    so do not meet each other. Raises SceneError where there are no springs.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import minimum_spanning_tree
+
+    ends, count = geometry.springs, len(geometry.points)
+    ways = lengths(geometry.points, ends) if len(ends) else np.zeros(0)
+    if not ways.any():
+        raise SceneError('"auto" goes by the springs, of which the body has none; give a number')
+    tree = minimum_spanning_tree(coo_matrix((ways, (ends[:, 0], ends[:, 1])), shape=(count, count)).tocsr())
+    return _JOINING * float(tree.data.max())
 
 
 @singledispatch
