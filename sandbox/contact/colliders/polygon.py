@@ -24,6 +24,8 @@ from sandbox.state import ParticleState, place
 FloatArray = NDArray[np.float64]
 
 _BIG = 1e30
+_BLUNT = 64.0
+"""Distance from a corner that still gives no direction, over that which counts as touching [1]."""
 
 
 def outline_edges(points: Any, holes: Any) -> tuple[FloatArray, FloatArray]:
@@ -118,21 +120,26 @@ class OutlineCollider(SolidCollider):
         normal = 0.0 * x
         away = 0.0 * x
         inside = False
+        at_corner = False
         for e in range(self._first(c), self._last(c)):
             a, b, u = self.start[e], self.end[e], self.along[e]
             arm = x - a
-            arm = arm - ti.min(ti.max(arm.dot(u), 0.0), self.length[e]) * u
+            way = arm.dot(u)
+            along = ti.min(ti.max(way, 0.0), self.length[e])
+            arm = arm - along * u
             square = arm.dot(arm)
             if square < best:
                 best = square
                 away = arm
                 normal = ti.Vector([u[1], -u[0]])
+                at_corner = along != way
             # The ray meets an edge that reaches over it and has the point on its left when going up.
             side = (b[0] - a[0]) * (x[1] - a[1]) - (b[1] - a[1]) * (x[0] - a[0])
             if (a[1] > x[1]) != (b[1] > x[1]) and (side > 0.0) == (b[1] > a[1]):
                 inside = not inside
         distance = ti.sqrt(best)
-        if distance > self.slack:  # nearer than that, the difference is rounding
+        # Beside an edge its normal is exact; the difference that leads to a corner is rounding where it is small.
+        if at_corner and distance > _BLUNT * self.slack:
             normal = ti.select(inside, -away, away) / distance
         return ti.select(inside, -distance, distance), normal
 
