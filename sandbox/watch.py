@@ -25,6 +25,8 @@ UNSOLVED = 0.2
 """Residual of a step, over the impulses that act in it, at which it is as good as not solved [1]."""
 OFTEN = 0.1
 """Part of the steps looked at of which that, or a step taken as another scheme's, is told [1]."""
+_DEEPER = 1.1
+"""How many times deeper particles must be to be looked at again [1]."""
 _FEWEST = 5
 """Steps looked at before that part says anything."""
 
@@ -75,6 +77,8 @@ class Watch:
         self.spells: dict[int, _Spell] = {}
         self.sunk: dict[tuple[int, str], tuple[Sunk, float]] = {}
         self.deep_since: float | None = None
+        self.deepest = 0.0
+        self.next_time = 0.0
         self.met: list[str] = []
         self.scheme = ""
         self.begun, self.tally = _Tally(), _Tally()
@@ -89,10 +93,12 @@ class Watch:
         if measured.inverted or self.spells:
             self._look_at_cells(simulation.time, measured.inverted)
         if measured.max_penetration > self.allowed.min():
-            self._look_at_depths(simulation)
+            self._look_at_depths(simulation, measured.max_penetration)
         else:
             self.deep_since = None
-        if self.passing:
+        # Ticks of what is live are shorter than pictures.
+        if self.passing and simulation.time >= self.next_time:
+            self.next_time = simulation.time + 0.9 / simulation.scene.render.fps
             self._look_at_bodies(simulation)
         if report := simulation.solver_report():
             self._look_at_solver(simulation, report)
@@ -122,12 +128,13 @@ class Watch:
         if lines:
             self.log.note(WarningKind.INVERTED, f"cells are inside out: {few(lines, 'bodies', '; ')}")
 
-    def _look_at_depths(self, simulation: Any) -> None:
+    def _look_at_depths(self, simulation: Any, deepest: float) -> None:
         assert self.solids is not None
         time = simulation.time
         self.deep_since = time if self.deep_since is None else self.deep_since
-        if time - self.deep_since < LASTING:
+        if time - self.deep_since < LASTING or deepest < _DEEPER * self.deepest:
             return
+        self.deepest = deepest
         positions, held = simulation.state.read()[0], simulation.assembly.inverse_masses
         for sunk in self.solids.sunk(positions, held, time, self.allowed, radii=1.0):
             before = self.sunk.get((sunk.body, sunk.collider))
@@ -135,6 +142,8 @@ class Watch:
                 self.sunk[sunk.body, sunk.collider] = (sunk, time)
         told = sorted(self.sunk.values(), key=lambda item: -item[0].depth)
         lines = [f"{self.names[s.body]!r} {s.depth:.2g} m deep in {s.collider} at t = {at:.3g} s" for s, at in told]
+        if not lines and deepest > self.allowed[np.isfinite(self.allowed)].max():
+            lines = [f"one {deepest:.2g} m deep at t = {time:.3g} s"]
         if lines:
             self.log.note(WarningKind.PENETRATED, f"particles are inside colliders: {few(lines, 'of them')}")
 

@@ -302,14 +302,14 @@ def chain(integrator, load, **solver):
     return make_scene(dimension=2, gravity=[0.0, -9.81], drag=2.0, solver=solver, bodies=[body])
 
 
-@pytest.mark.parametrize(("load", "solved"), [(20.0, False), (0.002, True)])
-def test_xpbd_says_where_it_has_not_converged(simulate, load, solved):
+@pytest.mark.parametrize(("load", "iterations", "solved"), [(20.0, 10, False), (0.002, 10, False), (0.002, 1000, True)])
+def test_xpbd_says_where_it_has_not_converged(simulate, load, iterations, solved):
     """Each spring gives by what hangs on it over its stiffness; where it does not, a line says so."""
-    simulation = simulate(chain("xpbd", load, dt=2e-3))
+    simulation = simulate(chain("xpbd", load, dt=2e-3, iterations=iterations))
     simulation.advance(1.0)
     stretch = -float(simulation.positions()[-1, 1]) - 2.0
     right = sum(load + 0.002 * k for k in range(20)) * 9.81 / 196200.0
-    assert (abs(stretch - right) < 1e-3) == solved
+    assert (abs(stretch / right - 1.0) < 0.05) == solved
     assert kinds(simulation) == (set() if solved else {WarningKind.UNCONVERGED})
     if not solved:
         assert "xpbd has not converged" in simulation.warnings[0]
