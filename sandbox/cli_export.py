@@ -18,7 +18,7 @@ TrajectoryOption = Annotated[
 ExportOption = Annotated[
     str | None, typer.Option(metavar="KIND,KIND", help="Also write mesh files: ply, obj, vtu, springs, usd, glb.")
 ]
-QuietOption = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
+QuietOption = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors and warnings.")]
 SizeOption = Annotated[str | None, typer.Option(metavar="WIDTHxHEIGHT", help="Picture size, e.g. 1280x720.")]
 _CAMERA = ("eye", "target", "field_of_view", "height")
 

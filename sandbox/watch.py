@@ -122,11 +122,13 @@ class Watch:
         told = sorted((item for item in self.spells.items() if item[1].told), key=lambda item: -item[1].most)
         lines = []
         for body, spell in told:
-            now = f"{spell.cells} still, " if spell.cells else f"until t = {spell.until:.3g} s, "
-            count = f"{spell.most} of {self.cell_counts[body]} at most"
-            lines.append(f"{self.names[body]!r} from t = {spell.since:.3g} s on, {now}{count}")
+            name, count, since = f"{self.names[body]!r}", self.cell_counts[body], f"t = {spell.since:.3g} s"
+            if spell.cells:
+                lines.append(f"{spell.cells} of {count} of {name} since {since} ({spell.most} at most)")
+            else:
+                lines.append(f"{spell.most} of {count} of {name} at most from {since} to {spell.until:.3g} s")
         if lines:
-            self.log.note(WarningKind.INVERTED, f"cells are inside out: {few(lines, 'bodies', '; ')}")
+            self.log.note(WarningKind.INVERTED, f"cells inside out: {few(lines, 'bodies', '; ')}")
 
     def _look_at_depths(self, simulation: Any, deepest: float) -> None:
         assert self.solids is not None
