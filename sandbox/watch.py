@@ -15,10 +15,13 @@ from sandbox.scene.overlaps import BodyPairs, Solids, Sunk, spacing_of
 from sandbox.start import NO_RADIUS, few
 from sandbox.warning_log import WarningKind, WarningLog
 
-LASTING = 0.1
-"""Time for which cells may be inside out, and particles in colliders, before it is told [s]."""
+LASTING = 0.25
+"""Time for which cells may be inside out before it is told [s]: longer than an impact takes, which presses a soft body
+for half a period of its slowest swing."""
 MANY = 0.05
 """Part of a body's cells that may be inside out for less than that [1]."""
+SINKING = 0.1
+"""Time for which particles may be deep in colliders before it is told [s]."""
 SUNK = 0.25
 """Part of its spacing, or its radius, that a particle may be deep in a collider [1]."""
 UNSOLVED = 0.2
@@ -134,7 +137,7 @@ class Watch:
         assert self.solids is not None
         time = simulation.time
         self.deep_since = time if self.deep_since is None else self.deep_since
-        if time - self.deep_since < LASTING or deepest < _DEEPER * self.deepest:
+        if time - self.deep_since < SINKING or deepest < _DEEPER * self.deepest:
             return
         self.deepest = deepest
         positions, held = simulation.state.read()[0], simulation.assembly.inverse_masses
