@@ -4,7 +4,6 @@ import json
 import signal
 import sys
 import warnings
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,16 +17,18 @@ from sandbox.cli_options import (
     SetOption,
     WithOption,
     act_on,
+    ending,
     load,
     names,
     naming,
     picture_size,
     scene_data,
+    tell,
+    told,
 )
-from sandbox.errors import DivergedError, SandboxError, SceneError
+from sandbox.errors import SandboxError, SceneError
 from sandbox.scene.load import json_schema
 from sandbox.scene.model import IntegratorName, Scene
-from sandbox.warning_log import WARNING
 
 # Typer depends on click in some versions and carries its own copy in others; it exports only this leaf.
 _UsageError: Any = typer.BadParameter.__base__
@@ -97,16 +98,9 @@ def run(
         trajectory,
         cli_export.kinds(export),
     )
-    try:
-        with naming(scene), _progress(loaded, quiet or json_) as progress:
-            summary = run_scene(loaded, options, progress)
-    except KeyboardInterrupt as interrupt:
-        _tell(getattr(interrupt, "__notes__", []))
-        raise SandboxError(f"interrupted; {options.folder} holds what was simulated until then") from None
-    except DivergedError as error:
-        _tell(getattr(error, "__notes__", []))
-        raise
-    _tell([f"{WARNING}{line}" for line in summary.warnings])
+    with ending(options.folder), naming(scene), _progress(loaded, quiet or json_) as progress:
+        summary = run_scene(loaded, options, progress)
+    tell(summary.warnings)
     if json_:
         typer.echo((options.folder / "summary.json").read_text(encoding="utf-8"), nl=False)
     elif not quiet:
@@ -277,7 +271,7 @@ def validate(
         remarks = _remarks(assembly)
     except SceneError as error:
         raise SceneError(f"{file}: {error}") from None
-    _tell([f"{WARNING}{remark.line}" for remark in remarks])
+    tell(remark.line for remark in remarks)
     typer.echo(f"{file}: ok, {assembly.particle_count} particles, {assembly.spring_count} springs")
 
 
@@ -315,26 +309,14 @@ def _progress(scene: Scene, silent: bool) -> Any:
     return ProgressBar(scene.title or "simulating", scene.duration)
 
 
-_told: set[str] = set()
-"""Warnings that this command has printed."""
-
-
 def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-    _tell([f"{WARNING}{message}"])
-
-
-def _tell(lines: Iterable[str]) -> None:
-    """Print lines of warnings, each once."""
-    for line in map(str, lines):
-        if line not in _told:
-            _told.add(line)
-            print(line, file=sys.stderr)
+    tell([str(message)])
 
 
 def main() -> None:
     """Entry point: every error that a user can make is one line and exit code 2."""
     warnings.showwarning = _show_warning
-    _told.clear()
+    told.clear()
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         code = app(standalone_mode=False)

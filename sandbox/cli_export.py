@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from sandbox.cli_options import SetOption, WithOption, load, picture_size
+from sandbox.cli_options import SetOption, WithOption, ending, load, picture_size, tell
 from sandbox.errors import SandboxError, SceneError
 from sandbox.scene.load import parse_assignment, preset_paths
 from sandbox.scene.model import Scene
@@ -18,7 +18,7 @@ TrajectoryOption = Annotated[
 ExportOption = Annotated[
     str | None, typer.Option(metavar="KIND,KIND", help="Also write mesh files: ply, obj, vtu, springs, usd, glb.")
 ]
-QuietOption = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
+QuietOption = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors and warnings.")]
 SizeOption = Annotated[str | None, typer.Option(metavar="WIDTHxHEIGHT", help="Picture size, e.g. 1280x720.")]
 _CAMERA = ("eye", "target", "field_of_view", "height")
 
@@ -73,11 +73,9 @@ def _export_scene(
     arch, precision, threads = machine
     folder = out or Path("outputs") / f"{name}-export"
     options = RunOptions(name, folder, "none", "none", arch, precision, threads, exports=tuple(formats))
-    try:
-        with _progress(scene, quiet) as progress:
-            summary = run(scene, options, progress)
-    except KeyboardInterrupt:
-        raise SandboxError(f"interrupted; {folder} holds what was simulated until then") from None
+    with ending(folder), _progress(scene, quiet) as progress:
+        summary = run(scene, options, progress)
+    tell(summary.warnings)
     if not quiet:
         typer.echo(f"{folder}: {summary.simulated:g} s, {', '.join(summary.files)}")
 

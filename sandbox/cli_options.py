@@ -1,16 +1,18 @@
 """What several commands take: the scene, its changes, lists of things."""
 
 import contextlib
-from collections.abc import Callable, Iterator
+import sys
+from collections.abc import Callable, Iterable, Iterator
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import typer
 
-from sandbox.errors import SceneError
+from sandbox.errors import DivergedError, SandboxError, SceneError
 from sandbox.scene.load import find_scene, lay_over, parse_assignment, read_toml, scene_from_data
 from sandbox.scene.model import Scene
+from sandbox.warning_log import WARNING
 
 SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="A preset's name, or a path to a TOML file.")]
 SetOption = Annotated[
@@ -70,6 +72,31 @@ def naming(scene: str) -> Iterator[None]:
     except SceneError as error:
         named = str(error).startswith(("actions", "bodies", "diagnostics", "solver"))
         raise SceneError(f"{scene}: {error}" if named else str(error)) from None
+
+
+@contextlib.contextmanager
+def ending(folder: Path) -> Iterator[None]:
+    """A run that ends early says what it could not do until then, and where its results are."""
+    try:
+        yield
+    except KeyboardInterrupt as interrupt:
+        tell(getattr(interrupt, "__notes__", []))
+        raise SandboxError(f"interrupted; {folder} holds what was simulated until then") from None
+    except DivergedError as error:
+        tell(getattr(error, "__notes__", []))
+        raise
+
+
+told: set[str] = set()
+"""Warnings that the command has printed."""
+
+
+def tell(lines: Iterable[str]) -> None:
+    """Print warnings on standard error, each once."""
+    for line in lines:
+        if line not in told:
+            told.add(line)
+            print(f"{WARNING}{line}", file=sys.stderr)
 
 
 def act_on(scene: Scene, file: Path, seconds: float | None) -> tuple[Scene, Any]:

@@ -29,7 +29,6 @@ from sandbox.render.overlay import mark
 from sandbox.scene.load import to_toml
 from sandbox.scene.model import ColorBy, Scene
 from sandbox.simulation import Simulation
-from sandbox.warning_log import WARNING
 
 RENDERERS = tuple(RendererName)
 VIDEOS = ("mp4", "webm", "gif", "png", "none")
@@ -149,7 +148,7 @@ def run(scene: Scene, options: RunOptions, progress: ProgressReport | None = Non
         summary = recorder.finish(failure)
     if failure is not None:
         for line in summary.warnings:
-            failure.add_note(f"{WARNING}{line}")
+            failure.add_note(line)
         raise failure
     return summary
 

@@ -15,10 +15,13 @@ from sandbox.scene.overlaps import BodyPairs, Solids, Sunk, spacing_of
 from sandbox.start import NO_RADIUS, few
 from sandbox.warning_log import WarningKind, WarningLog
 
-LASTING = 0.1
-"""Time for which cells may be inside out, and particles in colliders, before it is told [s]."""
+LASTING = 0.25
+"""Time for which cells may be inside out before it is told [s]: longer than an impact takes, which presses a soft body
+for half a period of its slowest swing."""
 MANY = 0.05
 """Part of a body's cells that may be inside out for less than that [1]."""
+SINKING = 0.1
+"""Time for which particles may be deep in colliders before it is told [s]."""
 SUNK = 0.25
 """Part of its spacing, or its radius, that a particle may be deep in a collider [1]."""
 UNSOLVED = 0.2
@@ -27,6 +30,8 @@ DEEP = 0.5
 """Part of their touching distance that two particles in contact may overlap [1]."""
 OFTEN = 0.1
 """Part of the steps looked at of which that, or a step taken as another scheme's, is told [1]."""
+_DEEPER = 1.1
+"""How many times deeper particles must be to be looked at again [1]."""
 _FEWEST = 5
 """Steps looked at before that part says anything."""
 
@@ -78,6 +83,8 @@ class Watch:
         self.sunk: dict[tuple[int, str], tuple[Sunk, float]] = {}
         self.deep_since: float | None = None
         self.deepest = 0.0
+        self.overlap = 0.0
+        self.next_time = 0.0
         self.met: list[str] = []
         self.scheme = ""
         self.begun, self.tally = _Tally(), _Tally()
@@ -92,15 +99,17 @@ class Watch:
         if measured.inverted or self.spells:
             self._look_at_cells(simulation.time, measured.inverted)
         if measured.max_penetration > self.allowed.min():
-            self._look_at_depths(simulation)
+            self._look_at_depths(simulation, measured.max_penetration)
         else:
             self.deep_since = None
-        if measured.max_overlap > max(DEEP, self.deepest):
-            self.deepest = measured.max_overlap
-            line = f"particles in contact are in each other by {self.deepest:.0%} of their touching distance"
+        if measured.max_overlap > max(DEEP, self.overlap):
+            self.overlap = measured.max_overlap
+            line = f"particles in contact are in each other by {self.overlap:.0%} of their touching distance"
             line += f" at t = {simulation.time:.3g} s: take a shorter dt, or larger or more even radii and masses"
             self.log.note(WarningKind.OVERLAPPING, line)
-        if self.passing:
+        # Ticks of what is live are shorter than pictures.
+        if self.passing and simulation.time >= self.next_time:
+            self.next_time = simulation.time + 0.9 / simulation.scene.render.fps
             self._look_at_bodies(simulation)
         if report := simulation.solver_report():
             self._look_at_solver(simulation, report)
@@ -124,18 +133,21 @@ class Watch:
         told = sorted((item for item in self.spells.items() if item[1].told), key=lambda item: -item[1].most)
         lines = []
         for body, spell in told:
-            now = f"{spell.cells} still, " if spell.cells else f"until t = {spell.until:.3g} s, "
-            count = f"{spell.most} of {self.cell_counts[body]} at most"
-            lines.append(f"{self.names[body]!r} from t = {spell.since:.3g} s on, {now}{count}")
+            name, count, since = f"{self.names[body]!r}", self.cell_counts[body], f"t = {spell.since:.3g} s"
+            if spell.cells:
+                lines.append(f"{spell.cells} of {count} of {name} since {since} ({spell.most} at most)")
+            else:
+                lines.append(f"{spell.most} of {count} of {name} at most from {since} to {spell.until:.3g} s")
         if lines:
-            self.log.note(WarningKind.INVERTED, f"cells are inside out: {few(lines, 'bodies', '; ')}")
+            self.log.note(WarningKind.INVERTED, f"cells inside out: {few(lines, 'bodies', '; ')}")
 
-    def _look_at_depths(self, simulation: Any) -> None:
+    def _look_at_depths(self, simulation: Any, deepest: float) -> None:
         assert self.solids is not None
         time = simulation.time
         self.deep_since = time if self.deep_since is None else self.deep_since
-        if time - self.deep_since < LASTING:
+        if time - self.deep_since < SINKING or deepest < _DEEPER * self.deepest:
             return
+        self.deepest = deepest
         positions, held = simulation.state.read()[0], simulation.assembly.inverse_masses
         for sunk in self.solids.sunk(positions, held, time, self.allowed, radii=1.0):
             before = self.sunk.get((sunk.body, sunk.collider))
@@ -143,6 +155,8 @@ class Watch:
                 self.sunk[sunk.body, sunk.collider] = (sunk, time)
         told = sorted(self.sunk.values(), key=lambda item: -item[0].depth)
         lines = [f"{self.names[s.body]!r} {s.depth:.2g} m deep in {s.collider} at t = {at:.3g} s" for s, at in told]
+        if not lines and deepest > self.allowed[np.isfinite(self.allowed)].max():
+            lines = [f"one {deepest:.2g} m deep at t = {time:.3g} s"]
         if lines:
             self.log.note(WarningKind.PENETRATED, f"particles are inside colliders: {few(lines, 'of them')}")
 

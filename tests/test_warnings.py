@@ -143,13 +143,17 @@ def test_a_cell_with_a_torn_spring_is_no_cell_any_more(simulate):
 def test_cells_that_stay_inside_out_are_told_by_body_and_time(simulate):
     """Mirrored springs are as much at rest as others, so that it stays so."""
     simulation = simulate(scene_of(box("left"), box("right", at=(1.0, 0.0))))
-    x, v = simulation.positions(), simulation.velocities()
+    x, v = start = simulation.positions(), simulation.velocities()
+    x = x.copy()
     x[12:] = [2.0, 0.0] - x[12:] * [1.0, -1.0]  # the body on the right, mirrored about its own middle
     simulation.set_state(x, v)
     simulation.advance(0.5)
     assert kinds(simulation) == {WarningKind.INVERTED}
     line = simulation.warnings[0]
-    assert "'right'" in line and "'left'" not in line and "6 still" in line and "6 of 6" in line
+    assert line.startswith("cells inside out: 6 of 6 of 'right' since t = 0.0") and "'left'" not in line
+    simulation.set_state(*start, time=0.6)
+    simulation.advance(0.1)
+    assert simulation.warnings == [line]  # what was is not forgotten
     simulation.restore()
     assert simulation.warnings == []
     simulation.advance(0.5)
@@ -302,14 +306,14 @@ def chain(integrator, load, **solver):
     return make_scene(dimension=2, gravity=[0.0, -9.81], drag=2.0, solver=solver, bodies=[body])
 
 
-@pytest.mark.parametrize(("load", "solved"), [(20.0, False), (0.002, True)])
-def test_xpbd_says_where_it_has_not_converged(simulate, load, solved):
+@pytest.mark.parametrize(("load", "iterations", "solved"), [(20.0, 10, False), (0.002, 10, False), (0.002, 1000, True)])
+def test_xpbd_says_where_it_has_not_converged(simulate, load, iterations, solved):
     """Each spring gives by what hangs on it over its stiffness; where it does not, a line says so."""
-    simulation = simulate(chain("xpbd", load, dt=2e-3))
+    simulation = simulate(chain("xpbd", load, dt=2e-3, iterations=iterations))
     simulation.advance(1.0)
     stretch = -float(simulation.positions()[-1, 1]) - 2.0
     right = sum(load + 0.002 * k for k in range(20)) * 9.81 / 196200.0
-    assert (abs(stretch - right) < 1e-3) == solved
+    assert (abs(stretch / right - 1.0) < 0.05) == solved
     assert kinds(simulation) == (set() if solved else {WarningKind.UNCONVERGED})
     if not solved:
         assert "xpbd has not converged" in simulation.warnings[0]

@@ -29,8 +29,10 @@ from sandbox.scene.placement import rotation_matrix
 from sandbox.scene.shapes.outlines import check_outline, inside
 from sandbox.scene.winding import winding
 
-_REACH = 0.5
-"""Part of the larger spacing within which a particle is in the place of a body that it cannot touch [1]."""
+_REACH = 0.75
+"""Part of the larger spacing within which particles of bodies without cells are in each other's place [1]."""
+_GRAZING = 0.1
+"""Part of its spacing by which a body may be in another's cells [1]."""
 _ALLOWED = 0.25
 """Part of the distance of touching that two bodies may start closer than that: contact soon parts them [1]."""
 _MESH_NODES = 48
@@ -82,6 +84,11 @@ class BodyPairs:
         """Typical distance of neighbours in every body [m], shape (B,)."""
         return spacing_of(self.assembly)
 
+    @functools.cached_property
+    def solid(self) -> NDArray[np.bool_]:
+        """True for bodies that have cells, shape (B,)."""
+        return np.isin(np.arange(len(self.radius)), self.assembly.cells.body)
+
     def __bool__(self) -> bool:
         return bool(self.may.any())
 
@@ -111,19 +118,27 @@ class BodyPairs:
         """Distance of particles below which bodies are in each other's place [m]."""
         if self.touching:
             return np.asarray((1.0 - _ALLOWED) * (self.radius[first] + self.radius[second]))
-        return np.asarray(_REACH * np.maximum(self.spacing[first], self.spacing[second]))
+        solid = self.solid[first] | self.solid[second]
+        return np.asarray(np.where(solid, 0.0, _REACH * np.maximum(self.spacing[first], self.spacing[second])))
 
     def _depth(self, positions: FloatArray, first: int, second: int, box: tuple[FloatArray, FloatArray]) -> float:
         """How far two bodies are in each other's place [m], by particles in the box that both have in common."""
         from scipy.spatial import cKDTree
 
         one, other = (_within(positions[self.members[body]], box) for body in (first, second))
-        if not len(one) or not len(other):
-            return 0.0
-        reach = float(self._reach(first, second))
-        nearest = float(cKDTree(other).query(one, distance_upper_bound=reach)[0].min())
-        depth = 0.0 if nearest >= reach else reach / ((1.0 - _ALLOWED) if self.touching else 1.0) - nearest
-        return max(depth, self._depth_in(positions, one, second), self._depth_in(positions, other, first))
+        reach, depth = float(self._reach(first, second)), 0.0
+        if reach > 0.0 and len(one) and len(other):
+            nearest = float(cKDTree(other).query(one, distance_upper_bound=reach)[0].min())
+            touch = reach / (1.0 - _ALLOWED) if self.touching else reach
+            depth = touch - nearest if nearest < reach else 0.0
+        inner, outer = (self._drawn_in(positions, points, body) for points, body in ((one, first), (other, second)))
+        return max(depth, self._depth_in(positions, inner, second), self._depth_in(positions, outer, first))
+
+    def _drawn_in(self, positions: FloatArray, points: FloatArray, body: int) -> FloatArray:
+        """Points of a body a little nearer to its middle, so that faces which lie on each other do not count."""
+        way = positions[self.members[body]].mean(axis=0) - points
+        far = np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-300)
+        return np.asarray(points + way * np.minimum(1.0, _GRAZING * self.spacing[body] / far))
 
     def _depth_in(self, positions: FloatArray, points: FloatArray, body: int) -> float:
         """How deep points are in the cells of a body [m]; 0 where none is, or it has none."""
@@ -131,7 +146,7 @@ class BodyPairs:
 
         cells = self.assembly.cells
         corners = cells.corners[slice(*np.searchsorted(cells.body, [body, body + 1]))]
-        if not len(corners):
+        if not len(corners) or not len(points):
             return 0.0
         _, nearest = cKDTree(positions[corners].mean(axis=1)).query(points)
         within = _in_cells(points, positions[corners[nearest]])
