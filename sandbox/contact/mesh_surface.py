@@ -87,7 +87,7 @@ def _edges(vertices: FloatArray, triangles: IntArray, normals: FloatArray) -> tu
     own = np.zeros(len(directed), dtype=bool)
     own[first] = True
     marks = np.where((meets & own).reshape(-1, 3), STICKS_OUT[:3], 0) + np.where(flat.reshape(-1, 3), COPLANAR, 0)
-    return total.reshape(-1, 3, 3), marks
+    return np.asarray(total.reshape(-1, 3, 3), dtype=np.float64), np.asarray(marks, dtype=np.int64)
 
 
 def _corners(

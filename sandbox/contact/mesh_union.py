@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from sandbox.contact.mesh_surface import unit_normals
 from sandbox.contact.triangle_tree import FloatArray, IndexArray, TriangleTree, build_tree
 from sandbox.scene.lattice import IntArray
+from sandbox.scene.mesh_file import signed_volume
 from sandbox.scene.topology import directed_edges, pair_keys
 from sandbox.scene.winding import side
 
@@ -34,6 +35,8 @@ def outer_parts(vertices: FloatArray, triangles: IntArray) -> tuple[IntArray, Fl
     size = float(np.ptp(vertices, axis=0).max())
     one, other = _crossings(corners, triangles, tree, _NEAR * size)
     _, uses = np.unique(pair_keys(directed_edges(triangles)), return_counts=True)
+    if abs(signed_volume(vertices, triangles)) < _NEAR * size**3:
+        return triangles[:0], None
     simple = len(one) == 0 and bool((uses == 2).all())
     if simple and not _boxes_of_parts_meet(vertices, triangles):
         return triangles, None
@@ -94,14 +97,10 @@ def _crossings(
     corners: FloatArray, triangles: IntArray, tree: TriangleTree, near: float
 ) -> tuple[IndexArray, IndexArray]:
     """Pairs of triangles without a common corner that cross or touch, each pair both ways round."""
-    low, high = corners.min(axis=1) - near, corners.max(axis=1) + near
-
-    def overlap(query: IndexArray, others_low: FloatArray, others_high: FloatArray) -> NDArray[np.bool_]:
-        return np.asarray(((low[query] <= others_high) & (high[query] >= others_low)).all(axis=1))
-
-    one, other = tree.pairs(len(corners), overlap)
-    kept = (one < other) & overlap(one, corners.min(axis=1)[other], corners.max(axis=1)[other])
-    one, other = one[kept], other[kept]
+    one, other = tree.neighbours(near)
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    met = ((low[one] <= high[other] + near) & (high[one] >= low[other] - near)).all(axis=1)
+    one, other = one[met], other[met]
     apart = (triangles[one][:, :, None] != triangles[other][:, None, :]).all(axis=(1, 2))
     one, other = one[apart], other[apart]
     met = _pierces(corners[one], corners[other], near) | _pierces(corners[other], corners[one], near)
@@ -134,7 +133,7 @@ def _cut(corners: FloatArray, one: IndexArray, other: IndexArray, near: float) -
         crossed[t].append(by)
     normals = unit_normals(corners)
     whole = np.ones(len(corners), dtype=bool)
-    pieces = []
+    pieces: list[FloatArray] = []
     for t, cutters in crossed.items():
         whole[t] = False
         polygons = [corners[t]]

@@ -1,4 +1,4 @@
-"""Searches among the triangles of a closed mesh, on the device: the closest place, the first meeting on a path, winding.
+"""Searches among the triangles of a closed mesh, on the device: the closest place, what a path meets first, winding.
 
 All walk the same tree, see :mod:`sandbox.contact.triangle_tree`. A ball meets faces from their front, and the edges and
 corners that stick out: each of them once, whichever triangles share it.
@@ -26,7 +26,7 @@ def outside_square(low, high, x):
 
 @ti.data_oriented
 class TriangleSearch:
-    """The triangles of a surface; ``slack`` is the distance within which things touch [m]: what rounding leaves open."""
+    """The triangles of a surface; ``slack`` is the distance within which things touch [m]."""
 
     def __init__(self, builder: ti.FieldsBuilder, surface: MeshSurface, slack: float) -> None:
         vector = runtime.vector(3)
@@ -107,7 +107,7 @@ class TriangleSearch:
         spot = x - (x - self.corner[t, 0]).dot(n) * n
         part = FACE
         best = ti.cast(_BIG, self.real)
-        for k in ti.static(range(3)):
+        for k in range(3):  # not written out: the code is long
             start = self.corner[t, k]
             edge = self.corner[t, (k + 1) % 3] - start
             arm = x - start
@@ -207,7 +207,7 @@ class TriangleSearch:
             if at <= 1.0:
                 meeting = start + at * path
                 within = True
-                for k in ti.static(range(3)):
+                for k in range(3):
                     corner = self.corner[t, k]
                     edge = self.corner[t, (k + 1) % 3] - corner
                     beyond = edge.cross(n).dot(meeting - corner)

@@ -52,6 +52,23 @@ class TriangleTree:
             query, node = np.tile(query[~leaf], 2), np.concatenate([node[~leaf] + 1, self.skip[node[~leaf] + 1]])
         return np.concatenate(queries), np.concatenate(triangles)
 
+    def neighbours(self, near: float) -> tuple[IndexArray, IndexArray]:
+        """Pairs of triangles in leaves whose boxes are no more than ``near`` [m] apart, each pair one way round."""
+        one, other = np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64)
+        while self.first[one[0]] == self.last[one[0]]:  # all leaves are equally deep
+            first, second = (np.stack([nodes + 1, self.skip[nodes + 1]]) for nodes in (one, other))
+            itself = one == other
+            one = np.concatenate([first[0], first[0], first[1], first[1][~itself]])
+            other = np.concatenate([second[0], second[1], second[1], second[0][~itself]])
+            met = (self.low[one] <= self.high[other] + near) & (self.high[one] >= self.low[other] - near)
+            one, other = one[met.all(axis=1)], other[met.all(axis=1)]
+        begin, end = (self.first[nodes][:, None] + np.arange(_LEAF) for nodes in (one, other))
+        shape = (len(one), _LEAF, _LEAF)
+        begin, end = np.broadcast_to(begin[:, :, None], shape), np.broadcast_to(end[:, None, :], shape)
+        there = (begin < self.last[one][:, None, None]) & (end < self.last[other][:, None, None])
+        there &= (one != other)[:, None, None] | (begin < end)
+        return self.order[begin[there]], self.order[end[there]]
+
 
 def build_tree(corners: FloatArray) -> TriangleTree:
     """The tree of triangles with the given ``corners`` [m], shape (T, 3, 3)."""

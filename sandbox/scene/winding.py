@@ -40,7 +40,7 @@ def winding(
     return np.cumsum(steps, axis=2, dtype=np.int32)[:, :, : nodes[2]]
 
 
-def side(xy: FloatArray, start: IntArray, end: IntArray, point: NDArray[np.int_]) -> FloatArray:
+def side(xy: FloatArray, start: IntArray, end: IntArray, point: NDArray[np.int_] | FloatArray) -> FloatArray:
     """Twice the area of edge and point, positive on the left; the same number, but for its sign, in reverse."""
     forward = start < end
     a, b = xy[np.where(forward, start, end)], xy[np.where(forward, end, start)]

@@ -94,6 +94,8 @@ class MeshSolidCollider(SolidCollider):
         size = float(np.abs(vertices).max() + np.abs(position).max()) + reach
         self.slack = 4.0 * rounding() * size
         """Distance within which a particle counts as touching [m]: what rounding leaves open."""
+        self.unsure = (2.0 if self.placed or reach > 0.0 else 0.75) * rounding() * size
+        """By how much a path along the surface may seem to go into it [m]: its ends are rounded."""
         self.low, self.high = vector(vertices.min(axis=0)), vector(vertices.max(axis=0))
         cell = float(np.ptp(vertices, axis=0).max()) / collider.resolution
         frame = grid_frame(vertices, collider.resolution, min(largest_radius, _MOST_MARGIN * cell))
@@ -189,7 +191,7 @@ class MeshSolidCollider(SolidCollider):
         if ti.max(self._gap(a), value - away) - radius <= length:
             distance, out = self.closest(a)
             before = distance - radius
-            along = self.grazing * length
+            along = self.grazing * length + self.unsure
             spot = a - before * out
             normal = out
             if before < -self.slack:
