@@ -1,227 +1,114 @@
-"""Signed distances from a closed triangle mesh, on a grid, made once.
+"""A coarse look at a mesh from every node of a grid: how far the surface is, on which side, and by which triangles.
 
-Distance: exact, to the nearest triangle of those that can be the nearest one in a block of nodes;
-blocks of 16 and of 4 nodes a side thin out the candidates. Sign: by the winding number along a ray
-through every column of nodes, with edges that neighbouring triangles see alike, so that no ray slips
-through between two of them.
+It answers what is far away by one look, and tells a search near the surface where to begin.
 """
 
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
 from sandbox import runtime
+from sandbox.contact.triangle_search import TriangleSearch
+from sandbox.contact.triangle_tree import FloatArray
+from sandbox.scene.lattice import IntArray
 from sandbox.scene.winding import winding
+from sandbox.state import place
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int32]
-
-_BLOCKS = (16, 4)
-_BIG = 1e30
-
-
-@dataclass(frozen=True)
-class DistanceGrid:
-    """Distances at the nodes of a cubic grid."""
-
-    low: FloatArray
-    """Lowest node [m], shape (3,)."""
-    cell: float
-    """Distance between nodes [m]."""
-    values: NDArray[np.floating]
-    """Signed distances [m], negative inside, shape (nx, ny, nz)."""
-
-    def at(self, points: FloatArray) -> FloatArray:
-        """Interpolated distances at points [m] within the grid, shape (P, 3)."""
-        place = (points - self.low) / self.cell
-        base = np.clip(np.floor(place).astype(int), 0, np.array(self.values.shape) - 2)
-        weight = place - base
-        total = np.zeros(len(points))
-        for corner in np.ndindex(2, 2, 2):
-            share = np.where(np.array(corner) == 1, weight, 1.0 - weight).prod(axis=1)
-            total += share * self.values[tuple((base + corner).T)]
-        return total
+_MOST_NODES = 2_000_000
+"""Most nodes of a grid: a finer one would hardly be faster to search, but takes longer to make."""
 
 
 def grid_frame(vertices: FloatArray, resolution: int, margin: float) -> tuple[FloatArray, float, tuple[int, int, int]]:
     """Lowest node [m], cell [m] and node counts of a grid around a mesh, ``margin`` [m] wider and a little more."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    cell = float((high - low).max()) / resolution
-    extra = 2 + int(np.ceil(margin / cell))
-    nodes = np.ceil((high - low) / cell).astype(int) + 1 + 2 * extra
+    longest = float((high - low).max())
+    while True:
+        cell = longest / resolution
+        extra = 1 + int(np.ceil(margin / cell))
+        nodes = np.ceil((high - low) / cell).astype(int) + 1 + 2 * extra
+        if nodes.prod() <= _MOST_NODES:
+            break
+        resolution = int(0.9 * resolution)
     # What rounding up adds goes to both sides alike: a symmetric mesh makes a symmetric grid.
     return 0.5 * (low + high) - 0.5 * cell * (nodes - 1), cell, (int(nodes[0]), int(nodes[1]), int(nodes[2]))
 
 
-def bake(vertices: FloatArray, triangles: IntArray, resolution: int, margin: float) -> DistanceGrid:
-    """The distance grid of a closed mesh with ``resolution`` cells along its longest side. Starts kernels."""
-    low, cell, nodes = grid_frame(vertices, resolution, margin)
-    inside = winding(vertices, triangles, low, cell, nodes) != 0
-    distances = _distances(vertices, triangles, low, cell, nodes)
-    return DistanceGrid(low, cell, np.where(inside, -distances, distances))
+@ti.data_oriented
+class DistanceGrid:
+    """Signed distances at the nodes of a cubic grid [m], and the leaves of the tree that hold what is closest to them.
+
+    ``inside`` says which nodes are, shape (nx, ny, nz); None where the normals of ``search`` tell.
+    """
+
+    def __init__(
+        self,
+        builder: ti.FieldsBuilder,
+        search: TriangleSearch,
+        frame: tuple[FloatArray, float, tuple[int, int, int]],
+        inside: NDArray[np.bool_] | None,
+    ) -> None:
+        low, self.cell, self.nodes = frame
+        self.search = search
+        self.inside = inside
+        self.told = inside is not None
+        self.real = runtime.real()
+        self.low = runtime.vector(3)(low)
+        self.highest = ti.types.vector(3, ti.i32)([n - 1 for n in self.nodes])
+        self.distance = place(builder, ti.field(self.real), *self.nodes)
+        self.leaf = place(builder, ti.field(ti.i32), *self.nodes)
+
+    def load(self, known: dict[Any, Any], key: Any) -> None:
+        """Upload what is ``known`` under a key, or find and keep it there."""
+        if key in known:
+            self._write(*known[key])
+            return
+        values, leaves = np.empty(self.nodes), np.empty(self.nodes, dtype=np.int32)
+        inside = np.zeros((1, 1, 1), dtype=np.int8) if self.inside is None else self.inside.astype(np.int8)
+        self._fill(inside)
+        self._read(values, leaves)
+        known[key] = (values, leaves)
+
+    @ti.kernel
+    def _fill(self, inside: ti.types.ndarray()):
+        for i, j in ti.ndrange(self.nodes[0], self.nodes[1]):
+            leaf = 0
+            for k in range(self.nodes[2]):
+                x = self.low + self.cell * ti.Vector([i, j, k])
+                spot, triangle, part, found = self.search.closest(x, leaf)
+                leaf = found
+                behind = (x - spot).dot(self.search.outward_at(triangle, part)) < 0.0
+                if ti.static(self.told):
+                    behind = inside[i, j, k] != 0
+                distance = (x - spot).norm()
+                self.distance[i, j, k] = ti.select(behind, -distance, distance)
+                self.leaf[i, j, k] = leaf
+
+    @ti.kernel
+    def _read(self, values: ti.types.ndarray(), leaves: ti.types.ndarray()):
+        for i, j, k in ti.ndrange(*self.nodes):
+            values[i, j, k] = self.distance[i, j, k]
+            leaves[i, j, k] = self.leaf[i, j, k]
+
+    @ti.kernel
+    def _write(self, values: ti.types.ndarray(), leaves: ti.types.ndarray()):
+        for i, j, k in ti.ndrange(*self.nodes):
+            self.distance[i, j, k] = values[i, j, k]
+            self.leaf[i, j, k] = leaves[i, j, k]
+
+    @ti.func
+    def look(self, x):
+        """Signed distance of the node next to x [m], how far x is from it [m], and the leaf closest to it."""
+        at = ti.cast((x - self.low) / self.cell + 0.5, ti.i32)
+        node = ti.min(ti.max(at, 0), self.highest)
+        i, j, k = node[0], node[1], node[2]
+        away = x - self.low - self.cell * ti.cast(node, self.real)
+        return self.distance[i, j, k], away.norm(), self.leaf[i, j, k]
 
 
-def lost_share(grid: DistanceGrid, vertices: FloatArray, triangles: IntArray) -> float:
-    """Part of the mesh's area behind which the grid knows no inside [1]: walls thinner than a cell."""
-    corners = vertices[triangles]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = np.linalg.norm(across, axis=1)
-    inward = -across / np.maximum(area, np.finfo(float).tiny)[:, None]
-    # Of a closed mesh, whichever way it faces, one side is the inside.
-    volume = np.einsum("ij,ij->", corners[:, 0], across)
-    inward = inward if volume > 0.0 else -inward
-    deepest = np.full(len(triangles), _BIG)
-    for depth in (0.25, 0.5, 0.75, 1.0):
-        deepest = np.minimum(deepest, grid.at(corners.mean(axis=1) + depth * grid.cell * inward))
-    return float(area[deepest >= 0.0].sum() / area.sum())
-
-
-def _distances(
-    vertices: FloatArray, triangles: IntArray, low: FloatArray, cell: float, nodes: tuple[int, int, int]
-) -> NDArray[np.floating]:
-    """Distance of every node from the nearest triangle [m], shape ``nodes``."""
-    real = np.float64 if runtime.settings().precision == "f64" else np.float32
-    # About the middle of the grid and in cells, so that single precision has all its digits to spare.
-    middle = 0.5 * (np.array(nodes) - 1.0)
-    corners = np.ascontiguousarray(((vertices - low) / cell - middle)[triangles], dtype=real)
-    centres = np.ascontiguousarray(corners.mean(axis=1))
-    radii = np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1).astype(real)
-    # Candidates of all blocks one after the other; the whole grid is one block whose candidates are all triangles.
-    row, near, width = np.array([0, len(triangles)]), np.arange(len(triangles), dtype=np.int32), max(nodes)
-    for finer in _BLOCKS:
-        if finer < width:
-            row, near = _thin_out(centres, radii, nodes, (row, near, width), finer)
-            width = finer
-    values = np.empty(nodes, dtype=real)
-    _measure(corners, centres, radii, row, near, values, width)
-    return values * cell
-
-
-def _thin_out(
-    centres: NDArray[np.floating],
-    radii: NDArray[np.floating],
-    nodes: tuple[int, int, int],
-    coarse: tuple[NDArray[np.int_], IntArray, int],
-    width: int,
-) -> tuple[NDArray[np.int_], IntArray]:
-    """Candidates of blocks of ``width`` nodes a side from those of coarser blocks: first ones and all."""
-    row, near, coarse_width = coarse
-    blocks = [-(-n // width) for n in nodes]
-    count = np.zeros(blocks, dtype=np.int64)
-    nothing = np.zeros(1, dtype=np.int32)
-    shape = np.array(nodes, dtype=np.int32)
-    _candidates(centres, radii, row, near, coarse_width, shape, width, count, nothing, 0)
-    finer = np.concatenate([[0], np.cumsum(count.reshape(-1))])
-    chosen = np.empty(max(1, finer[-1]), dtype=np.int32)
-    place = np.ascontiguousarray(finer[:-1].reshape(blocks))
-    _candidates(centres, radii, row, near, coarse_width, shape, width, place, chosen, 1)
-    return finer, chosen
-
-
-@ti.kernel
-def _candidates(
-    centres: ti.types.ndarray(),
-    radii: ti.types.ndarray(),
-    row: ti.types.ndarray(),
-    near: ti.types.ndarray(),
-    coarse: int,
-    shape: ti.types.ndarray(),
-    width: int,
-    place: ti.types.ndarray(),
-    chosen: ti.types.ndarray(),
-    writes: int,
-):
-    """Counts (``writes`` 0) or lists, from ``place`` on, the triangles that can be nearest within each block."""
-    for i, j, k in ti.ndrange(place.shape[0], place.shape[1], place.shape[2]):
-        parent = _block(i * width, j * width, k * width, shape[1], shape[2], coarse)
-        first, last = ti.cast(row[parent], ti.i32), ti.cast(row[parent + 1], ti.i32)
-        half = 0.5 * (width - 1.0)
-        reach = half * ti.sqrt(3.0)
-        x = ti.Vector([i * width + half, j * width + half, k * width + half])
-        for axis in ti.static(range(3)):
-            x[axis] = x[axis] - 0.5 * (shape[axis] - 1.0)
-        nearest = _BIG
-        for c in range(first, last):
-            nearest = ti.min(nearest, _apart(x, centres, near[c]))
-        # A node of the block is at most `reach` from its middle; a little more for rounding.
-        bound = (nearest + 2.0 * reach) * 1.0001 + 1e-3
-        total = 0
-        for c in range(first, last):
-            t = near[c]
-            if _apart(x, centres, t) - radii[t] <= bound:
-                if writes == 1:
-                    chosen[ti.cast(place[i, j, k], ti.i32) + total] = t
-                total += 1
-        if writes == 0:
-            place[i, j, k] = total
-
-
-@ti.kernel
-def _measure(
-    corners: ti.types.ndarray(),
-    centres: ti.types.ndarray(),
-    radii: ti.types.ndarray(),
-    row: ti.types.ndarray(),
-    near: ti.types.ndarray(),
-    values: ti.types.ndarray(),
-    width: int,
-):
-    """Distance of every node from the nearest of its block's candidates, in cells."""
-    for i, j, k in ti.ndrange(values.shape[0], values.shape[1], values.shape[2]):
-        block = _block(i, j, k, values.shape[1], values.shape[2], width)
-        x = ti.Vector(
-            [
-                i - 0.5 * (values.shape[0] - 1.0),
-                j - 0.5 * (values.shape[1] - 1.0),
-                k - 0.5 * (values.shape[2] - 1.0),
-            ]
-        )
-        best = _BIG
-        for c in range(ti.cast(row[block], ti.i32), ti.cast(row[block + 1], ti.i32)):
-            t = near[c]
-            if _apart(x, centres, t) - radii[t] < best:
-                best = ti.min(best, _from_triangle(x, corners, t))
-        values[i, j, k] = best
-
-
-@ti.func
-def _block(i, j, k, ny, nz, width):
-    """Number of the block of ``width`` nodes a side that a node is in."""
-    return ((i // width) * ((ny + width - 1) // width) + j // width) * ((nz + width - 1) // width) + k // width
-
-
-@ti.func
-def _apart(x, centres: ti.template(), t):
-    return (x - ti.Vector([centres[t, 0], centres[t, 1], centres[t, 2]])).norm()
-
-
-@ti.func
-def _from_triangle(x, corners: ti.template(), t):
-    """Distance of a point from a triangle; one without area is its edges."""
-    a = ti.Vector([corners[t, 0, 0], corners[t, 0, 1], corners[t, 0, 2]])
-    b = ti.Vector([corners[t, 1, 0], corners[t, 1, 1], corners[t, 1, 2]])
-    c = ti.Vector([corners[t, 2, 0], corners[t, 2, 1], corners[t, 2, 2]])
-    normal = (b - a).cross(c - a)
-    square = normal.dot(normal)
-    within = (
-        (b - a).cross(normal).dot(x - a) < 0.0
-        and (c - b).cross(normal).dot(x - b) < 0.0
-        and (a - c).cross(normal).dot(x - c) < 0.0
-    )
-    distance = 0.0
-    if within and square > 0.0:
-        distance = ti.abs((x - a).dot(normal)) * ti.rsqrt(square)
-    else:
-        distance = ti.sqrt(ti.min(_from_edge(x, a, b), ti.min(_from_edge(x, b, c), _from_edge(x, c, a))))
-    return distance
-
-
-@ti.func
-def _from_edge(x, a, b):
-    """Squared distance of a point from a line from a to b."""
-    along = b - a
-    t = ti.min(ti.max((x - a).dot(along) / ti.max(along.dot(along), 1e-20), 0.0), 1.0)
-    apart = x - a - t * along
-    return apart.dot(apart)
+def nodes_inside(
+    vertices: FloatArray, triangles: IntArray, frame: tuple[FloatArray, float, tuple[int, int, int]]
+) -> NDArray[np.bool_]:
+    """Which nodes a mesh winds around, shape (nx, ny, nz)."""
+    return np.asarray(winding(vertices, triangles, *frame) != 0)

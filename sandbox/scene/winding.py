@@ -27,7 +27,7 @@ def winding(
     row = np.repeat(np.arange(len(triangles)), count)
     within = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
     column = first[row] + np.stack([within // span[row, 1], within % span[row, 1]], axis=1)
-    sides = np.stack([_side(xy, triangles[row, k], triangles[row, (k + 1) % 3], column) for k in range(3)], axis=1)
+    sides = np.stack([side(xy, triangles[row, k], triangles[row, (k + 1) % 3], column) for k in range(3)], axis=1)
     # Exactly on an edge counts as left of it, seen along the edge from its first vertex, from both triangles.
     met = (sides > 0.0).all(axis=1) | (sides < 0.0).all(axis=1)
     row, column, sides = row[met], column[met], sides[met]
@@ -40,7 +40,7 @@ def winding(
     return np.cumsum(steps, axis=2, dtype=np.int32)[:, :, : nodes[2]]
 
 
-def _side(xy: FloatArray, start: IntArray, end: IntArray, point: NDArray[np.int_]) -> FloatArray:
+def side(xy: FloatArray, start: IntArray, end: IntArray, point: NDArray[np.int_] | FloatArray) -> FloatArray:
     """Twice the area of edge and point, positive on the left; the same number, but for its sign, in reverse."""
     forward = start < end
     a, b = xy[np.where(forward, start, end)], xy[np.where(forward, end, start)]

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from sandbox.contact.colliders.mesh import GridCollider
+from sandbox.contact.colliders.mesh import MeshSolidCollider
 from sandbox.contact.colliders.moved import MovingCollider
 from sandbox.contact.colliders.plain import BallCollider, BlockCollider, HalfSpaceCollider, RodCollider
 from sandbox.contact.colliders.polygon import OutlineCollider
@@ -84,7 +84,7 @@ def _build(builder: ti.FieldsBuilder, assembly: Assembly, state: ParticleState) 
             solid = OutlineCollider(members, surface, radius, state, builder, reach)
         elif isinstance(first, MeshCollider):
             where = f"colliders[{group[0]}]"
-            solid = GridCollider(first, surface, radius, state, builder, reach, where, float(radii[-1]))
+            solid = MeshSolidCollider(first, surface, radius, state, builder, reach, where, float(radii[-1]))
         else:
             solid = _PLAIN[type(first)](members, surface, radius, state, builder)
         built.parts.extend([surface, solid])

@@ -1,50 +1,65 @@
-"""Solids inside a closed triangle mesh, by a grid of signed distances.
+"""Solids inside a closed triangle mesh: they answer by the closest triangle, edge or corner.
 
-Between nodes the distance is interpolated in each cell. Distances at nodes differ by no more than
-their places do, so the interpolated field climbs by at most sqrt(3) a metre: from a value d there is
-no surface within d / sqrt(3), and that far a path may safely advance.
+A grid tells what is far away, and where a search near the surface begins; what is found is exact, however coarse the
+grid is. What starts inside leaves at the closest place; what comes from outside is swept against faces, and edges and
+corners that stick out, each rounded by the particle's radius.
 """
 
-import math
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import taichi as ti
-from numpy.typing import NDArray
 
 from sandbox import runtime
-from sandbox.contact.colliders.solid import NEVER, TINY, SolidCollider, outside_box, rounding
-from sandbox.contact.distance_grid import DistanceGrid, bake, grid_frame, lost_share
+from sandbox.contact.colliders.solid import SolidCollider, outside_box, rounding
+from sandbox.contact.distance_grid import DistanceGrid, grid_frame, nodes_inside
+from sandbox.contact.mesh_surface import MeshSurface, loose_surface, mesh_surface
+from sandbox.contact.mesh_union import outer_parts
+from sandbox.contact.triangle_search import TriangleSearch
+from sandbox.contact.triangle_tree import FloatArray
 from sandbox.errors import SceneError
 from sandbox.scene.assemble import Assembly
+from sandbox.scene.lattice import IntArray
 from sandbox.scene.mesh_file import is_closed, load_mesh
 from sandbox.scene.model import MeshCollider
 from sandbox.scene.motion import origin
 from sandbox.scene.placement import rotation_matrix
-from sandbox.state import ParticleState, place
+from sandbox.state import ParticleState
 
-FloatArray = NDArray[np.float64]
-
-_SAFE = 1.0 / math.sqrt(3.0)
-_STRIDE = 0.125
-"""Shortest advance [cells]: a corner that a path cuts off within less is not felt."""
-_MOST_MARGIN = 8
+_MOST_MARGIN = 4
 """Most cells that the grid grows by for the sake of large particles."""
-_MOST_LOST = 0.05
-"""Most of a mesh's surface that may be too thin for the grid [1]."""
+_EXACT = 4
+"""Cells from a particle within which its depth is exact; farther away it is at most what is said."""
+
+
+@dataclass(frozen=True)
+class _Solid:
+    """What is found out about a mesh once, for all simulations with it."""
+
+    surface: MeshSurface
+    """All triangles."""
+    pieces: MeshSurface | None
+    """Those that bound the solid, where parts of the mesh overlap."""
+    vertices: FloatArray
+    triangles: IntArray
+    grids: dict[Any, Any] = field(default_factory=dict)
 
 
 @lru_cache(maxsize=4)
-def _baked(vertices: bytes, triangles: bytes, resolution: int, margin: float, precision: str) -> DistanceGrid:
-    """Grids of the latest meshes: simulations are often built again from the same scene."""
-    return bake(
-        np.frombuffer(vertices).reshape(-1, 3), np.frombuffer(triangles, np.int32).reshape(-1, 3), resolution, margin
-    )
+def _solid(vertices: bytes, triangles: bytes) -> _Solid | None:
+    """The latest meshes: simulations are often built again from the same scene. None where nothing is solid."""
+    points, faces = np.frombuffer(vertices).reshape(-1, 3), np.frombuffer(triangles, np.int32).reshape(-1, 3)
+    faces, pieces = outer_parts(points, faces)
+    if len(faces) == 0:
+        return None
+    loose = None if pieces is None else loose_surface(pieces)
+    return _Solid(mesh_surface(points, faces), loose, points, faces)
 
 
 @ti.data_oriented
-class GridCollider(SolidCollider):
+class MeshSolidCollider(SolidCollider):
     """Solid inside a mesh; ``reach`` is the farthest from the origin that it may be moved [m].
 
     Raises SceneError where the mesh cannot be read or has no inside.
@@ -64,47 +79,43 @@ class GridCollider(SolidCollider):
         largest_radius: float,
     ) -> None:
         super().__init__(surface, radius, state)
-        self.where = where
-        self.real = runtime.real()
-        self.resolution = collider.resolution
-        self.vertices, self.triangles = load_mesh(collider.file, collider.scale)
-        if not is_closed(self.triangles):
+        vertices, triangles = load_mesh(collider.file, collider.scale)
+        if not is_closed(triangles):
             raise SceneError(f"{where}.file: {collider.file} is not closed, so it has no inside to collide with")
-        cell = float(np.ptp(self.vertices, axis=0).max()) / self.resolution
-        self.margin = min(largest_radius, _MOST_MARGIN * cell)
-        low, self.cell, nodes = grid_frame(self.vertices, self.resolution, self.margin)
+        solid = _solid(np.ascontiguousarray(vertices, float).tobytes(), np.ascontiguousarray(triangles, "i4").tobytes())
+        if solid is None:
+            raise SceneError(f"{where}.file: {collider.file} has no inside to collide with")
         vector, matrix = runtime.vector(3), ti.types.matrix(3, 3, runtime.real())
-        self.grid_low, self.grid_high = vector(low), vector(low + self.cell * (np.array(nodes) - 1))
-        self.last_cell = ti.types.vector(3, ti.i32)([n - 2 for n in nodes])
-        self.low, self.high = vector(self.vertices.min(axis=0)), vector(self.vertices.max(axis=0))
         turn = rotation_matrix(collider.rotation, 3)
         position = origin(collider, 3)
         self.placed = bool(position.any() or (turn != np.eye(3)).any())
         """True where the file's own frame is not the one that particles come in."""
         self.position, self.to_world, self.to_local = vector(position), matrix(turn), matrix(turn.T)
-        size = float(np.abs(self.vertices).max() + np.abs(position).max()) + reach
+        size = float(np.abs(vertices).max() + np.abs(position).max()) + reach
         self.slack = 4.0 * rounding() * size
         """Distance within which a particle counts as touching [m]: what rounding leaves open."""
-        self.most_strides = int(np.linalg.norm(nodes) / _STRIDE) + 64
-        self.distance = place(builder, ti.field(runtime.real()), *nodes)
+        self.unsure = (2.0 if self.placed or reach > 0.0 else 0.75) * rounding() * size
+        """By how much a path along the surface may seem to go into it [m]: its ends are rounded."""
+        self.low, self.high = vector(vertices.min(axis=0)), vector(vertices.max(axis=0))
+        cell = float(np.ptp(vertices, axis=0).max()) / collider.resolution
+        frame = grid_frame(vertices, collider.resolution, min(largest_radius, _MOST_MARGIN * cell))
+        self.overlaps = solid.pieces is not None
+        """True where parts of the mesh overlap: then not every triangle bounds the solid."""
+        self.solid = solid
+        self.search = TriangleSearch(builder, solid.surface, self.slack)
+        self.pieces: Any = None
+        inside = None
+        if solid.pieces is not None:
+            self.pieces = TriangleSearch(builder, solid.pieces, self.slack)
+            inside = nodes_inside(solid.vertices, solid.triangles, frame)
+        self.grid = DistanceGrid(builder, self.search, frame, inside)
 
     def load(self, assembly: Assembly) -> None:
-        """Make the grid, or find it made, and upload it."""
-        vertices = np.ascontiguousarray(self.vertices, np.float64).tobytes()
-        triangles = np.ascontiguousarray(self.triangles, np.int32).tobytes()
-        grid = _baked(vertices, triangles, self.resolution, self.margin, runtime.settings().precision)
-        lost = lost_share(grid, self.vertices, self.triangles)
-        if lost > _MOST_LOST:
-            raise SceneError(
-                f"{self.where}.resolution: {100.0 * lost:.0f} % of the mesh's surface is thinner than a cell of "
-                f"{self.cell:.2g} m and would be lost; raise it above {self.resolution}"
-            )
-        self._write(grid.values)
-
-    @ti.kernel
-    def _write(self, values: ti.types.ndarray()):
-        for i, j, k in ti.ndrange(values.shape[0], values.shape[1], values.shape[2]):
-            self.distance[i, j, k] = values[i, j, k]
+        """Upload the triangles; make the grid, or find it made, and upload it."""
+        self.search.load()
+        if self.overlaps:
+            self.pieces.load()
+        self.grid.load(self.solid.grids, (self.grid.nodes, self.grid.cell, runtime.settings().precision))
 
     @ti.func
     def _local(self, x):
@@ -119,46 +130,53 @@ class GridCollider(SolidCollider):
         return outside_box(self.low, self.high, x)
 
     @ti.func
-    def _value(self, x):
-        """Interpolated distance [m]; outside the grid that of its rim, and the way to it."""
-        inner = ti.min(ti.max(x, self.grid_low), self.grid_high)
-        at = (inner - self.grid_low) / self.cell
-        base = ti.min(ti.cast(at, ti.i32), self.last_cell)
-        w = at - ti.cast(base, self.real)
-        i, j, k = base[0], base[1], base[2]
-        near = self._along_z(i, j, k, w[2]) * (1.0 - w[1]) + self._along_z(i, j + 1, k, w[2]) * w[1]
-        far = self._along_z(i + 1, j, k, w[2]) * (1.0 - w[1]) + self._along_z(i + 1, j + 1, k, w[2]) * w[1]
-        return near * (1.0 - w[0]) + far * w[0] + (x - inner).norm()
+    def closest(self, x):
+        """Signed distance of a place in the file's frame from the surface [m], and the direction away from the solid.
 
-    @ti.func
-    def _along_z(self, i, j, k, w):
-        return self.distance[i, j, k] * (1.0 - w) + self.distance[i, j, k + 1] * w
-
-    @ti.func
-    def _gradient(self, x):
-        """Slope of the interpolated distance [1]: central differences in half a cell smooth the kinks of cells."""
-        step = 0.25 * self.cell
-        slope = 0.0 * x
-        for k in range(6):  # one place in the code looks the distance up: it is long
-            aside = 0.0 * x
-            for axis in ti.static(range(3)):
-                aside[axis] = ti.select(k % 3 == axis, ti.select(k < 3, step, -step), 0.0)
-            slope += self._value(x + aside) * aside
-        return slope / (2.0 * step * step)
-
-    @ti.func
-    def _normal(self, x):
-        """Direction away from the solid; straight up where no direction is the shortest."""
-        slope = self._gradient(x)
-        steepness = slope.norm()
-        normal = slope / ti.max(steepness, TINY)
-        if steepness < 1e-3:
-            normal = ti.Vector([0.0, 1.0, 0.0])
-        return normal
+        Two places in the code look for what is closest only where parts overlap: a search is long.
+        """
+        value, away, leaf = self.grid.look(x)
+        spot, triangle, part, _ = self.search.closest(x, leaf)
+        distance = (x - spot).norm()
+        outward = self.search.outward_at(triangle, part)
+        flat = self.search.is_flat(triangle, part)
+        inside = (x - spot).dot(outward) < 0.0
+        normal = self.search.normal[triangle]
+        if ti.static(self.overlaps):
+            # Nothing is between x and a node that is nearer than the surface.
+            inside = value < 0.0
+            if distance <= away:
+                inside = self.search.winding(x) != 0
+            if inside:
+                spot, triangle, part, _ = self.pieces.closest(x, 0)
+                distance = (x - spot).norm()
+                outward = self.pieces.normal[triangle]
+                normal = outward
+                flat = part == 0
+        out = outward
+        if distance > self.slack:  # nearer than that, the difference is rounding
+            out = ti.select(inside, spot - x, x - spot) / distance
+            if flat:
+                out = normal
+        return ti.select(inside, -distance, distance), out
 
     @ti.func
     def signed_distance(self, c, x):
-        return self._value(self._local(x))
+        distance, _ = self.closest(self._local(x))
+        return distance
+
+    @ti.func
+    def depth_in(self, c, i, x):
+        """How far particle i is inside [m]; where it is far outside, at most this."""
+        a = self._local(x)
+        radius = self.radius.of(i)
+        far = radius + _EXACT * self.grid.cell
+        value, away, _ = self.grid.look(a)
+        distance = far
+        if value - away < far:
+            distance, _ = self.closest(a)
+            distance = ti.min(distance, far)
+        return radius - ti.max(distance, self._gap(a))
 
     @ti.func
     def closest(self, c, x):
@@ -178,58 +196,21 @@ class GridCollider(SolidCollider):
         fraction = 0.0
         spot = a
         normal = 0.0 * a
-        if self._gap(a) - radius <= length:
-            before = self._value(a) - radius
+        value, away, _ = self.grid.look(a)
+        if ti.max(self._gap(a), value - away) - radius <= length:
+            distance, out = self.closest(a)
+            before = distance - radius
+            along = self.grazing * length + self.unsure
+            spot = a - before * out
+            normal = out
             if before < -self.slack:
                 hit = True
-            elif _SAFE * before <= length:
-                if before <= self.slack:
-                    hit = path.dot(self._normal(a)) < -self.grazing * length
-                if not hit:
-                    fraction = self._march(a, path, length, before, radius)
-                    hit = fraction <= 1.0
-            if hit:
-                spot, normal = self._lift(a + fraction * path, radius)
+            elif before <= self.slack and -path.dot(out) > along:
+                hit = True
+            elif before <= length:
+                fraction, spot, normal = self.search.sweep(a, path, radius, along)
+                hit = fraction <= 1.0
         if ti.static(self.placed):
             spot = self.position + self.to_world @ spot
             normal = self.to_world @ normal
         return hit, fraction, spot, normal
-
-    @ti.func
-    def _march(self, a, path, length, before, radius):
-        """Fraction of a path from outside at which it first goes in, by safe advances and then by halving."""
-        fraction = NEVER
-        done, distance, count = 0.0, before, 0
-        while count < self.most_strides:
-            count = count + 1
-            free = ti.max(_SAFE * distance, self._gap(a + done / ti.max(length, TINY) * path) - radius)
-            ahead = ti.min(done + ti.max(free, _STRIDE * self.cell), length)
-            distance = self._value(a + ahead / ti.max(length, TINY) * path) - radius
-            if distance < -self.slack:
-                for _ in range(12):
-                    between = 0.5 * (done + ahead)
-                    if self._value(a + between / length * path) - radius < 0.0:
-                        ahead = between
-                    else:
-                        done = between
-                fraction = done / length
-                count = self.most_strides
-            elif ahead >= length:
-                count = self.most_strides
-            done = ahead
-        return fraction
-
-    @ti.func
-    def _lift(self, x, radius):
-        """The closest place to x at which a particle touches, and the normal there."""
-        spot = x
-        normal = 0.0 * x
-        count = 0
-        while count < 12:
-            count = count + 1
-            normal = self._normal(spot)
-            off = self._value(spot) - radius
-            spot = spot - off * normal
-            if ti.abs(off) <= self.slack:
-                count = 12
-        return spot, normal

@@ -108,7 +108,7 @@ class PolygonCollider(Solid):
 
 
 class MeshCollider(Solid):
-    """3D solid inside a closed triangle mesh, as a grid of signed distances made at the start."""
+    """3D solid inside a closed triangle mesh, which answers by its closest triangle, edge or corner."""
 
     kind: Literal["mesh"]
     file: str = Field(min_length=1, description="path (OBJ, PLY, STL, ...); relative ones start at the scene's folder")
@@ -116,7 +116,7 @@ class MeshCollider(Solid):
     position: Vector | None = Field(None, description="where the file's origin is [m]; default: the world's")
     rotation: Rotation = Field(0.0, description=ROTATION_HELP)
     resolution: Annotated[Integer, Field(ge=4, le=512)] = Field(
-        64, description="grid cells along the mesh's longest side; finer keeps sharper edges"
+        64, description="grid cells along the mesh's longest side, where searches begin; changes speed, not results"
     )
 
 
