@@ -21,7 +21,7 @@ from sandbox.scene.assemble import Assembly, assemble
 from sandbox.scene.model import Scene, Solver
 from sandbox.start import check_memory, check_start
 from sandbox.step_size import EnergyWatch, Rescue, StepSize
-from sandbox.warning_log import WarningLog
+from sandbox.warning_log import WarningKind, WarningLog
 
 FloatArray = NDArray[np.float64]
 
@@ -57,6 +57,8 @@ class Simulation(Observed):
         self.scheme = SCHEMES[scene.solver.integrator]
         runtime.check(arch, precision or str(scene.solver.precision), threads)
         self.assembly = assemble(scene)
+        for remark in self.assembly.remarks:
+            self.warning_log.note(WarningKind.MESH, remark, remark)
         self.time = 0.0
         """Simulated time [s]."""
         self._settings = runtime.Settings(arch, precision or str(scene.solver.precision), threads, verbose)

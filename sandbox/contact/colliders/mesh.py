@@ -18,7 +18,7 @@ from sandbox.contact.colliders.solid import NEVER, TINY, SolidCollider, outside_
 from sandbox.contact.distance_grid import DistanceGrid, bake, grid_frame, lost_share
 from sandbox.errors import SceneError
 from sandbox.scene.assemble import Assembly
-from sandbox.scene.mesh_file import is_closed, load_mesh
+from sandbox.scene.mesh_file import load_surface
 from sandbox.scene.model import MeshCollider
 from sandbox.scene.motion import origin
 from sandbox.scene.placement import rotation_matrix
@@ -67,9 +67,13 @@ class GridCollider(SolidCollider):
         self.where = where
         self.real = runtime.real()
         self.resolution = collider.resolution
-        self.vertices, self.triangles = load_mesh(collider.file, collider.scale)
-        if not is_closed(self.triangles):
-            raise SceneError(f"{where}.file: {collider.file} is not closed, so it has no inside to collide with")
+        surface = load_surface(collider)
+        self.vertices, self.triangles = surface.vertices, surface.triangles
+        if surface.gaps:
+            raise SceneError(
+                f"{where}.file: {collider.file} is not closed, so it has no inside to collide with: "
+                f"it has {surface.gaps}"
+            )
         cell = float(np.ptp(self.vertices, axis=0).max()) / self.resolution
         self.margin = min(largest_radius, _MOST_MARGIN * cell)
         low, self.cell, nodes = grid_frame(self.vertices, self.resolution, self.margin)

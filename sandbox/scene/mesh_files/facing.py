@@ -1,0 +1,205 @@
+"""Which way the triangles of a mesh face, what they enclose, and where they do not close."""
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sandbox.scene.lattice import FloatArray, IntArray
+from sandbox.scene.topology import directed_edges, pair_keys
+
+Numbers = NDArray[np.int64]
+MaskArray = NDArray[np.bool_]
+
+_LOOKS = 64
+"""Most vertices of a part that are looked at to see whether it lies in another one."""
+
+
+@dataclass(frozen=True)
+class _EdgeTable:
+    """Edges of triangles, each once whichever way it is passed."""
+
+    of_side: Numbers
+    """Edge of every side 0-1, 1-2, 2-0 of one triangle after the other, shape (3 T,)."""
+    way: Numbers
+    """1 where a side passes its edge from the lower vertex, else -1, shape (3 T,)."""
+    uses: Numbers
+    """How many triangles have each edge, shape (E,)."""
+    net: Numbers
+    """How many more pass it the one way than the other, shape (E,)."""
+
+    @classmethod
+    def of(cls, triangles: IntArray) -> "_EdgeTable":
+        sides = directed_edges(triangles)
+        _, inverse, uses = np.unique(pair_keys(sides), return_inverse=True, return_counts=True)
+        way = np.where(sides[:, 0] < sides[:, 1], 1, -1)
+        net = np.bincount(inverse.reshape(-1), way, minlength=len(uses)).astype(np.int64)
+        return cls(inverse.reshape(-1), way, uses, net)
+
+
+def is_closed(triangles: IntArray) -> bool:
+    """True where every directed edge is met as often as its reverse: the mesh has an inside."""
+    return len(triangles) > 0 and not _EdgeTable.of(triangles).net.any()
+
+
+def signed_volume(vertices: FloatArray, triangles: IntArray) -> float:
+    """Volume of a closed mesh [m^3], positive where it faces outward (Gauss's theorem); overlaps count twice."""
+    return float(_tetrahedra(vertices, triangles).sum())
+
+
+def gaps(vertices: FloatArray, triangles: IntArray) -> str:
+    """Why a mesh is not closed, and near which place, in the units of its vertices; "" where it is."""
+    table = _EdgeTable.of(triangles)
+    sides, bad = directed_edges(triangles), table.net != 0
+    reasons, places = [], []
+    for chosen, said in (
+        (table.uses == 1, "{} with a triangle on one side only"),
+        (table.uses == 2, "{} with both triangles on the same side, as a Moebius strip has"),
+        (table.uses > 2, "{} where {} triangles meet whose sides do not pair up"),
+    ):
+        edges = np.nonzero(bad & chosen)[0]
+        if len(edges):
+            count = f"{len(edges)} edge{'' if len(edges) == 1 else 's'}"
+            most = table.uses[edges]
+            reasons.append(said.format(count, most.max() if (most == most[0]).all() else f"{most.min()} to {most.max()}"))
+            places.append(vertices[sides[np.argmax(table.of_side == edges[0])]].mean(axis=0))
+    return f"{' and '.join(reasons)}, one near ({', '.join(f'{x:.4g}' for x in places[0])})" if reasons else ""
+
+
+def face_outward(vertices: FloatArray, triangles: IntArray) -> tuple[IntArray, int]:
+    """Neighboring triangles turned to face the same way, closed parts outward, and walls of hollows inward.
+
+    And how many hollows there are whose walls the file has facing outward. A part that lies in another one is a
+    hollow; one that only overlaps another is not.
+    """
+    flip, patch = _consistent(triangles)
+    triangles = np.where(flip[:, None], triangles[:, ::-1], triangles)
+    flip, part = _matched(triangles, patch)
+    triangles = np.where(flip[patch][:, None], triangles[:, ::-1], triangles)
+    if not is_closed(triangles):
+        return triangles, 0
+    part = part[patch]
+    volumes = np.bincount(part, _tetrahedra(vertices, triangles))
+    inward = _depths(vertices, triangles, part, volumes) % 2 == 1
+    turned = np.where(inward, volumes > 0.0, volumes < 0.0)
+    hollows = 0 if turned[~inward].any() else int(turned.sum())
+    return np.where(turned[part][:, None], triangles[:, ::-1], triangles), hollows
+
+
+def encloses(vertices: FloatArray, triangles: IntArray) -> bool:
+    """Whether a mesh is closed, and some part of it is more than a sheet with two faces."""
+    if not is_closed(triangles):
+        return False
+    _, patch = _consistent(triangles)
+    _, part = _matched(triangles, patch)
+    size = float(np.ptp(vertices, axis=0).max())
+    return bool((np.abs(np.bincount(part[patch], _tetrahedra(vertices, triangles))) > 1e-12 * size**3).any())
+
+
+def _tetrahedra(vertices: FloatArray, triangles: IntArray) -> FloatArray:
+    """Signed volumes of the triangles' tetrahedra with the mesh's middle [m^3], shape (T,)."""
+    a, b, c = (vertices[triangles[:, k]] - vertices.mean(axis=0) for k in range(3))
+    return np.asarray(np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0)
+
+
+def _consistent(triangles: IntArray) -> tuple[MaskArray, Numbers]:
+    """Which triangles to turn so that neighbors agree, and the patch of every triangle, both (T,).
+
+    A patch is what edges of exactly two triangles join.
+    """
+    table = _EdgeTable.of(triangles)
+    slots = np.argsort(table.of_side, kind="stable")
+    first = (np.cumsum(table.uses) - table.uses)[table.uses == 2]
+    one, other = slots[first], slots[first + 1]
+    weights = np.ones(len(triangles))
+    return _agreed(weights, one // 3, other // 3, table.way[one] == table.way[other])
+
+
+def _matched(triangles: IntArray, patch: Numbers) -> tuple[MaskArray, Numbers]:
+    """Which patches to turn so that edges of more than two triangles pair up, and the part of every patch, (P,).
+
+    A part is what closes only as a whole: patches that are closed by themselves, but touch, are parts of their own.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    table, sizes = _EdgeTable.of(triangles), np.bincount(patch)
+    count = len(sizes)
+    # Of every edge and every patch at it, how many more sides pass it the one way.
+    both, inverse = np.unique(table.of_side * count + np.repeat(patch, 3), return_inverse=True)
+    net = np.bincount(inverse.reshape(-1), table.way).astype(np.int64)
+    both, net = both[net != 0], net[net != 0]
+    edge, owner = both // count, both % count
+    next_to = np.nonzero(edge[1:] == edge[:-1])[0]
+    # Just two patches of the same weight at an edge know how to face; they stand behind one another in the list.
+    _, first, number = np.unique(edge, return_index=True, return_counts=True)
+    first = first[number == 2]
+    first = first[np.abs(net[first]) == np.abs(net[first + 1])]
+    flip, _ = _agreed(sizes, owner[first], owner[first + 1], net[first] == net[first + 1])
+    links = (np.ones(len(next_to), dtype=np.int8), (owner[next_to], owner[next_to + 1]))
+    return flip, connected_components(coo_matrix(links, shape=(count, count)), directed=False)[1].astype(np.int64)
+
+
+def _agreed(weights: NDArray[np.number], one: Numbers, other: Numbers, crossed: MaskArray) -> tuple[MaskArray, Numbers]:
+    """Which of N pieces to turn so that neighbors agree, and the connected group of every piece, both (N,).
+
+    Every piece is a node twice, as it is and turned. Neighbors that agree are joined as (as it is, as it is) and
+    (turned, turned), those that are ``crossed`` crosswise; of the two halves that a group falls into, the one that
+    turns less weight is taken. A group that falls into one, such as a Moebius strip, is left as it is.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    count = len(weights)
+    rows = np.concatenate([one, one + count])
+    columns = np.concatenate([other + count * crossed, other + count * ~crossed])
+    graph = coo_matrix((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(2 * count, 2 * count))
+    _, label = connected_components(graph, directed=False)
+    as_is, turned = label[:count], label[count:]
+    _, group = np.unique(np.minimum(as_is, turned), return_inverse=True)
+    group = group.reshape(-1)
+    flip = as_is > turned
+    many = np.bincount(group, flip * weights) > 0.5 * np.bincount(group, weights)
+    return (flip ^ many[group]) & (as_is != turned), group
+
+
+def _depths(vertices: FloatArray, triangles: IntArray, part: Numbers, volumes: FloatArray) -> Numbers:
+    """How many other closed parts each part of a mesh lies in with all of it, shape (part_count,).
+
+    One that touches the other from inside lies in it where the file has them face opposite ways.
+    """
+    count = int(part.max()) + 1
+    order = np.argsort(part, kind="stable")
+    groups = np.split(triangles[order], np.cumsum(np.bincount(part))[:-1])
+    low = np.array([vertices[group].min(axis=(0, 1)) for group in groups])
+    high = np.array([vertices[group].max(axis=(0, 1)) for group in groups])
+    depths = np.zeros(count, dtype=np.int64)
+    for inner in range(count):
+        around = (low <= low[inner]).all(axis=1) & (high[inner] <= high).all(axis=1)
+        around[inner] = False
+        if around.any():
+            points = _looked_at(vertices[np.unique(groups[inner])])
+            for outer in np.nonzero(around)[0]:
+                least = min(abs(_winding(point, vertices, groups[outer])) for point in points)
+                depths[inner] += least > 0.75 or (least > 0.05 and volumes[inner] * volumes[outer] < 0.0)
+    return depths
+
+
+def _looked_at(points: FloatArray) -> FloatArray:
+    """Some of the points [m]: every so many, and the outermost ones, which would be the first to stick out."""
+    ways = np.array(list(itertools.product((-1, 0, 1), repeat=3)))
+    return points[np.unique([*range(0, len(points), max(1, len(points) // _LOOKS)), *(points @ ways.T).argmax(axis=0)])]
+
+
+def _winding(point: FloatArray, vertices: FloatArray, triangles: IntArray) -> float:
+    """How often a closed mesh winds around a point: 1 inside, 0 outside, 1/2 on a face.
+
+    Sum of the triangles' solid angles; source: Van Oosterom and Strackee, IEEE Trans. Biomed. Eng. 30, 1983.
+    """
+    a, b, c = (vertices[triangles[:, k]] - point for k in range(3))
+    la, lb, lc = (np.linalg.norm(edge, axis=1) for edge in (a, b, c))
+    triple = np.einsum("ij,ij->i", a, np.cross(b, c))
+    dots = [np.einsum("ij,ij->i", p, q) for p, q in ((a, b), (b, c), (c, a))]
+    angle = 2.0 * np.arctan2(triple, la * lb * lc + dots[0] * lc + dots[1] * la + dots[2] * lb)
+    return float(angle.sum() / (4.0 * np.pi))
