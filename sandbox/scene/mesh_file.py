@@ -115,8 +115,9 @@ def _load(file: str) -> Surface:
 def _sound(file: str, read: Callable[[], RawMesh]) -> Surface:
     """What a file has as one surface. Raises SceneError."""
     try:
-        raw = read()
-        triangles = raw.triangles()
+        with np.errstate(all="ignore"):  # what overflows is found below
+            raw = read()
+            triangles = raw.triangles()
     except BadFileError as error:
         raise SceneError(f"{file}: {error}") from None
     except Exception as error:  # readers of broken files raise whatever broke

@@ -53,8 +53,9 @@ class RawMesh:
 
 
 def counted(counts: Counter[str]) -> tuple[str, ...]:
-    """ "1 line", "3 points": what was counted, most first; names are in the singular."""
-    return tuple(f"{count} {name}{'' if count == 1 else 's'}" for name, count in counts.most_common())
+    """ "1 line", "3 points of light": what was counted, most first; names are in the singular."""
+    several = {name: " ".join([f"{first}s", *rest]) for name in counts for first, *rest in [name.split(" ")]}
+    return tuple(f"{count} {name if count == 1 else several[name]}" for name, count in counts.most_common())
 
 
 def _divided(vertices: FloatArray, polygons: Numbers) -> Numbers:

@@ -13,7 +13,13 @@ Numbers = NDArray[np.int64]
 MaskArray = NDArray[np.bool_]
 
 _LOOKS = 64
-"""Most vertices of a part that are looked at to see whether it lies in another one."""
+"""About how many vertices of a part are looked at to see whether it lies in another one."""
+_RAYS = 3
+"""From how many triangles of a patch one looks for what is before it."""
+_ASKEW = (0.0731, 0.1093, -0.0517)
+"""By how much rays are off the normal: they are not to meet edges of what lies straight before them."""
+_WITHIN, _ON = 0.75, 0.05
+"""A mesh winds around a point inside once, around one on a face half, on an edge or at a corner some part of that."""
 
 
 @dataclass(frozen=True)
@@ -75,11 +81,12 @@ def face_outward(vertices: FloatArray, triangles: IntArray) -> tuple[IntArray, i
     """
     flip, patch = _consistent(triangles)
     triangles = np.where(flip[:, None], triangles[:, ::-1], triangles)
-    flip, part = _matched(triangles, patch)
-    triangles = np.where(flip[patch][:, None], triangles[:, ::-1], triangles)
     if not is_closed(triangles):
-        return triangles, 0
-    part = part[patch]
+        flip = _looks_inward(vertices, triangles, patch)
+        triangles = np.where(flip[patch][:, None], triangles[:, ::-1], triangles)
+        if not is_closed(triangles):
+            return triangles, 0
+    part = _parts(triangles, patch)
     volumes = np.bincount(part, _tetrahedra(vertices, triangles))
     inward = _depths(vertices, triangles, part, volumes) % 2 == 1
     turned = np.where(inward, volumes > 0.0, volumes < 0.0)
@@ -91,10 +98,9 @@ def encloses(vertices: FloatArray, triangles: IntArray) -> bool:
     """Whether a mesh is closed, and some part of it is more than a sheet with two faces."""
     if not is_closed(triangles):
         return False
-    _, patch = _consistent(triangles)
-    _, part = _matched(triangles, patch)
     size = float(np.ptp(vertices, axis=0).max())
-    return bool((np.abs(np.bincount(part[patch], _tetrahedra(vertices, triangles))) > 1e-12 * size**3).any())
+    volumes = np.bincount(_parts(triangles, _consistent(triangles)[1]), _tetrahedra(vertices, triangles))
+    return bool((np.abs(volumes) > 1e-12 * size**3).any())
 
 
 def _tetrahedra(vertices: FloatArray, triangles: IntArray) -> FloatArray:
@@ -106,62 +112,96 @@ def _tetrahedra(vertices: FloatArray, triangles: IntArray) -> FloatArray:
 def _consistent(triangles: IntArray) -> tuple[MaskArray, Numbers]:
     """Which triangles to turn so that neighbors agree, and the patch of every triangle, both (T,).
 
-    A patch is what edges of exactly two triangles join.
+    A patch is what edges of exactly two triangles join. Every triangle is a node twice, as it is and turned. Neighbors
+    that agree are joined as (as it is, as it is) and (turned, turned), others crosswise; of the two halves that a patch
+    falls into, the one that turns fewer triangles is taken. A patch that falls into one, such as a Moebius strip, is
+    left as it is.
     """
-    table = _EdgeTable.of(triangles)
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    table, count = _EdgeTable.of(triangles), len(triangles)
     slots = np.argsort(table.of_side, kind="stable")
     first = (np.cumsum(table.uses) - table.uses)[table.uses == 2]
     one, other = slots[first], slots[first + 1]
-    weights = np.ones(len(triangles))
-    return _agreed(weights, one // 3, other // 3, table.way[one] == table.way[other])
-
-
-def _matched(triangles: IntArray, patch: Numbers) -> tuple[MaskArray, Numbers]:
-    """Which patches to turn so that edges of more than two triangles pair up, and the part of every patch, (P,).
-
-    A part is what closes only as a whole: patches that are closed by themselves, but touch, are parts of their own.
-    """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    table, sizes = _EdgeTable.of(triangles), np.bincount(patch)
-    count = len(sizes)
-    # Of every edge and every patch at it, how many more sides pass it the one way.
-    both, inverse = np.unique(table.of_side * count + np.repeat(patch, 3), return_inverse=True)
-    net = np.bincount(inverse.reshape(-1), table.way).astype(np.int64)
-    both, net = both[net != 0], net[net != 0]
-    edge, owner = both // count, both % count
-    next_to = np.nonzero(edge[1:] == edge[:-1])[0]
-    # Just two patches of the same weight at an edge know how to face; they stand behind one another in the list.
-    _, first, number = np.unique(edge, return_index=True, return_counts=True)
-    first = first[number == 2]
-    first = first[np.abs(net[first]) == np.abs(net[first + 1])]
-    flip, _ = _agreed(sizes, owner[first], owner[first + 1], net[first] == net[first + 1])
-    links = (np.ones(len(next_to), dtype=np.int8), (owner[next_to], owner[next_to + 1]))
-    return flip, connected_components(coo_matrix(links, shape=(count, count)), directed=False)[1].astype(np.int64)
-
-
-def _agreed(weights: NDArray[np.number], one: Numbers, other: Numbers, crossed: MaskArray) -> tuple[MaskArray, Numbers]:
-    """Which of N pieces to turn so that neighbors agree, and the connected group of every piece, both (N,).
-
-    Every piece is a node twice, as it is and turned. Neighbors that agree are joined as (as it is, as it is) and
-    (turned, turned), those that are ``crossed`` crosswise; of the two halves that a group falls into, the one that
-    turns less weight is taken. A group that falls into one, such as a Moebius strip, is left as it is.
-    """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    count = len(weights)
+    crossed = table.way[one] == table.way[other]
+    one, other = one // 3, other // 3
     rows = np.concatenate([one, one + count])
     columns = np.concatenate([other + count * crossed, other + count * ~crossed])
     graph = coo_matrix((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(2 * count, 2 * count))
     _, label = connected_components(graph, directed=False)
     as_is, turned = label[:count], label[count:]
-    _, group = np.unique(np.minimum(as_is, turned), return_inverse=True)
-    group = group.reshape(-1)
+    _, patch = np.unique(np.minimum(as_is, turned), return_inverse=True)
+    patch = patch.reshape(-1)
     flip = as_is > turned
-    many = np.bincount(group, flip * weights) > 0.5 * np.bincount(group, weights)
-    return (flip ^ many[group]) & (as_is != turned), group
+    many = np.bincount(patch, flip) > 0.5 * np.bincount(patch)
+    return (flip ^ many[patch]) & (as_is != turned), patch
+
+
+def _loose_patches(triangles: IntArray, patch: Numbers) -> MaskArray:
+    """True for patches that are not closed by themselves: they end at edges of more than two triangles, shape (P,)."""
+    table, count = _EdgeTable.of(triangles), int(patch.max()) + 1
+    # Of every edge and every patch at it, how many more sides pass it the one way.
+    both, inverse = np.unique(table.of_side * count + np.repeat(patch, 3), return_inverse=True)
+    net = np.bincount(inverse.reshape(-1), table.way)
+    loose = np.zeros(count, dtype=bool)
+    loose[both[(net != 0) & (table.uses[both // count] > 2)] % count] = True
+    return loose
+
+
+def _looks_inward(vertices: FloatArray, triangles: IntArray, patch: Numbers) -> MaskArray:
+    """Loose patches that face what the mesh encloses, shape (P,).
+
+    How those that meet at an edge belong together cannot be told from the edge: rays tell inside from outside.
+    """
+    corners = vertices[triangles]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(normal, axis=1)
+    loose = _loose_patches(triangles, patch)
+    inward = np.zeros(len(loose), dtype=bool)
+    for own in np.nonzero(loose)[0]:
+        rows = np.nonzero(patch == own)[0]
+        largest = rows[np.argsort(-area[rows], kind="stable")[:_RAYS]]
+        odd = [_crossings(corners, row, normal[row] / max(area[row], 1e-300)) % 2 for row in largest]
+        inward[own] = 2 * sum(odd) > len(odd)
+    return inward
+
+
+def _crossings(corners: FloatArray, row: int, normal: FloatArray) -> int:
+    """How often a ray from the middle of one triangle, on the side that it faces, meets the others.
+
+    Source: T. Moeller and B. Trumbore, Journal of Graphics Tools 2(1), 1997.
+    """
+    start, way = corners[row].mean(axis=0), normal + np.array(_ASKEW)
+    one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    across = np.cross(way, two)
+    volume = (one * across).sum(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        away = start - corners[:, 0]
+        u = (away * across).sum(axis=1) / volume
+        turned = np.cross(away, one)
+        v = turned @ way / volume
+        met = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & ((two * turned).sum(axis=1) / volume > 0.0)
+    met[row] = False
+    return int(met.sum())
+
+
+def _parts(triangles: IntArray, patch: Numbers) -> Numbers:
+    """Part of every triangle of a closed mesh, each closed by itself, shape (T,).
+
+    Patches that are closed by themselves are parts. At the edges of others, triangles that pass it the one way are
+    paired, in the order of the file, with those that pass it the other way: files have parts one after the other.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    table, count = _EdgeTable.of(triangles), len(triangles)
+    loose = _loose_patches(triangles, patch)
+    rank = np.repeat(np.where(loose[patch], len(loose), patch), 3)
+    order = np.lexsort([rank, table.of_side])
+    one, other = (order[table.way[order] == way] // 3 for way in (-1, 1))
+    graph = coo_matrix((np.ones(len(one), dtype=np.int8), (one, other)), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
 def _depths(vertices: FloatArray, triangles: IntArray, part: Numbers, volumes: FloatArray) -> Numbers:
@@ -181,8 +221,9 @@ def _depths(vertices: FloatArray, triangles: IntArray, part: Numbers, volumes: F
         if around.any():
             points = _looked_at(vertices[np.unique(groups[inner])])
             for outer in np.nonzero(around)[0]:
-                least = min(abs(_winding(point, vertices, groups[outer])) for point in points)
-                depths[inner] += least > 0.75 or (least > 0.05 and volumes[inner] * volumes[outer] < 0.0)
+                opposed = volumes[inner] * volumes[outer] < 0.0
+                least = _ON if opposed else _WITHIN
+                depths[inner] += all(abs(_winding(point, vertices, groups[outer])) > least for point in points)
     return depths
 
 

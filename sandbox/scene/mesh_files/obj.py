@@ -12,16 +12,16 @@ import numpy as np
 from sandbox.scene.mesh_files.faces import BadFileError, FloatArray, Numbers, RawMesh, counted
 
 _NO_GEOMETRY = set(
-    "v f fo vt vn vp g s o mg mtllib usemtl maplib usemap bevel c_interp d_interp lod shadow_obj trace_obj "
+    "v f fo vt vn vp vw g s o mg mtllib usemtl maplib usemap bevel c_interp d_interp lod shadow_obj trace_obj "
     "cstype deg bmat step end parm trim hole scrv sp con ctech stech".split()
 )
 """Words whose lines are faces and vertices, or say nothing of where a surface is."""
 _NAMES = {
     "l": "line",
     "p": "point",
-    "curv": "free-form curve",
-    "curv2": "free-form curve",
-    "surf": "free-form surface",
+    "curv": "curve of free form",
+    "curv2": "curve of free form",
+    "surf": "surface of free form",
     "call": "call of another file",
 }
 _STATEMENT = r"(?m)^[ \t\f\v]*%s[ \t\f\v]+([^\n]*)"
@@ -46,7 +46,7 @@ def read_obj(data: bytes) -> RawMesh:
     left_out = Counter({"face of fewer than 3 corners": int((counts < 3).sum())})
     for word, count in others.items():
         if word not in _NO_GEOMETRY:
-            left_out[_NAMES.get(word, "unknown statement")] += count
+            left_out[_NAMES.get(word, f"line of {word[:20]!r}")] += count
     return RawMesh(vertices, corners - 1, counts, left_out=counted(+left_out))
 
 

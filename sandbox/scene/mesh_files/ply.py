@@ -38,7 +38,8 @@ class _Element:
 def read_ply(data: bytes) -> RawMesh:
     """The vertices and faces of a PLY. Raises BadFileError."""
     elements, order, body = _head(data.removeprefix(codecs.BOM_UTF8))
-    stream = _Binary(body, order) if order else _Text(body)
+    rows = sum(element.count for element in elements if element.properties)
+    stream = _Binary(body, order) if order else _Text(body, rows)
     for element in elements:
         try:
             stream.read(element)
@@ -79,7 +80,8 @@ def _head(data: bytes) -> tuple[list[_Element], str, bytes]:
                 case ["element" | "property" | "format", *_]:
                     raise ValueError
         except (KeyError, ValueError, IndexError):
-            raise BadFileError(f"has a line in its head that is no PLY: {' '.join(words)[:80]}") from None
+            said = "".join(letter if letter.isprintable() else "?" for letter in " ".join(words)[:80])
+            raise BadFileError(f"has a line in its head that is no PLY: {said}") from None
     if order is None or any(element.count < 0 for element in elements):
         raise BadFileError("is no PLY: its head names no format, or fewer than no elements")
     return elements, order, data[end.end() :]
@@ -97,13 +99,13 @@ class _Binary:
         # Most lists are as long in all rows as in the first.
         lengths = self._row(element) if lists and element.count else {}
         rows = self._table(element, lengths)
-        if rows is None or any((rows[f"{name}#"] != lengths[name]).any() for name in lists):
+        if rows is None or any((rows[f"{name}#"] != lengths.get(name, 0)).any() for name in lists):
             self._ragged(element)
             return
         self._at += rows.nbytes
         for name, _, length in element.properties:
-            counts = np.full(element.count, lengths[name]) if length and element.count else np.zeros(0, dtype=int)
-            element.values[name] = (rows[name].reshape(-1), counts) if length else rows[name]
+            column = rows[name]
+            element.values[name] = (column.reshape(-1), np.full(len(rows), lengths.get(name, 0))) if length else column
 
     def _table(self, element: _Element, lengths: dict[str, int]) -> Any:
         """All rows if every list is as long as that, or None where so much is not there."""
@@ -157,42 +159,37 @@ class _Binary:
 
 
 class _Text:
-    """Reads elements one after the other out of words."""
+    """Reads elements one after the other out of lines, of which every row should be one, or else out of words."""
 
-    def __init__(self, data: bytes) -> None:
-        self._words, self._at = data.split(), 0
+    def __init__(self, data: bytes, rows: int) -> None:
+        """``rows``: number of rows of all elements."""
+        lines = [words for words in map(bytes.split, data.splitlines()) if words]
+        self._has_rows = len(lines) >= rows
+        self._lines = lines if self._has_rows else [[word for words in lines for word in words]]
+        self._row = self._at = 0
 
     def read(self, element: _Element) -> None:
         """Take the element's numbers. Raises ValueError or IndexError where there are too few."""
-        lists = [name for name, _, length in element.properties if length]
-        if lists:
-            self._ragged(element)
-            return
-        width = len(element.properties)
-        words = self._words[self._at : self._at + width * element.count]
-        table = np.array([float(word) for word in words]).reshape(element.count, width)
-        self._at += len(words)
-        element.values.update({name: table[:, column] for column, (name, _, _) in enumerate(element.properties)})
-
-    def _ragged(self, element: _Element) -> None:
-        words, at = self._words, self._at
         columns: dict[str, list[bytes]] = {name: [] for name, _, _ in element.properties}
         counts: dict[str, list[int]] = {name: [] for name, _, length in element.properties if length}
-        for _ in range(element.count):
-            for name, _, length in element.properties:
+        plan = [(columns[name], counts.get(name)) for name, _, _ in element.properties]
+        for _ in range(element.count if plan else 0):
+            words, at = self._lines[self._row], self._at
+            for column, own in plan:
                 number = 1
-                if length:
+                if own is not None:
                     number = _length(float(words[at]))
-                    counts[name].append(number)
+                    own.append(number)
                     at += 1
-                columns[name] += words[at : at + number]
+                column += words[at : at + number]
                 at += number
             if at > len(words):
                 raise ValueError
-        self._at = at
+            # Some programs write more in a row than they say in the head.
+            self._row, self._at = (self._row + 1, 0) if self._has_rows else (0, at)
         for name, _, length in element.properties:
-            column = np.array([float(word) for word in columns[name]])
-            element.values[name] = (column, np.array(counts[name], dtype=int)) if length else column
+            values = np.array([float(word) for word in columns[name]])
+            element.values[name] = (values, np.array(counts[name], dtype=int)) if length else values
 
 
 def _length(value: Any) -> int:
