@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sandbox.errors import SceneError
-from sandbox.scene.mesh_files.facing import encloses, face_outward, gaps, is_closed, signed_volume
 from sandbox.scene.mesh_files.faces import BadFileError, RawMesh, counted
+from sandbox.scene.mesh_files.facing import encloses, face_outward, gaps, is_closed, signed_volume
 from sandbox.scene.mesh_files.obj import read_obj
 from sandbox.scene.mesh_files.ply import read_ply
 from sandbox.scene.mesh_files.stl import read_stl
@@ -30,7 +30,6 @@ _USUAL = (1e-3, 50.0)
 """Sizes of things that people make and simulate [m]; others are as likely in other units."""
 _MOST_KEPT = 4
 """Files kept as they were read: a collider is asked for by what checks, meets and draws it."""
-_LARGE = {True: "large", False: "small"}
 _OTHERS = {"PointCloud": "cloud of points", "Path2D": "path", "Path3D": "path"}
 _READERS: dict[str, Callable[[bytes], RawMesh]] = {".obj": read_obj, ".ply": read_ply, ".stl": read_stl}
 
@@ -71,7 +70,9 @@ def load_surface(part: Mesh | MeshCollider) -> Surface:
     scale = part.scale if part.size is None else part.size / extent
     remarks = found.remarks
     if part.size is None and not _USUAL[0] <= extent * scale <= _USUAL[1]:
-        remarks += (f"{part.file}: is {extent * scale:.3g} m long; if that is not meant, give size (its longest side [m])",)
+        remarks += (
+            f"{part.file}: is {extent * scale:.3g} m long; if it is not meant to be, give size (its longest side)",
+        )
     surface = Surface(found.vertices * scale, found.triangles, found.gaps, remarks)
     if not np.isfinite(surface.vertices).all():
         raise SceneError(f"{part.file}: is too large to compute with at a scale of {scale:.3g}")
@@ -117,22 +118,23 @@ def _sound(file: str, read: Callable[[], RawMesh]) -> Surface:
     try:
         with np.errstate(all="ignore"):  # what overflows is found below
             raw = read()
-            triangles = raw.triangles()
+            corners = raw.triangles()
     except BadFileError as error:
         raise SceneError(f"{file}: {error}") from None
     except Exception as error:  # readers of broken files raise whatever broke
         said = " ".join(str(error).split()) or type(error).__name__
         raise SceneError(f"{file}: is not a mesh that can be read: {said}") from None
-    if len(triangles) == 0:
+    if len(corners) == 0:
         raise SceneError(f"{file}: has no triangles")
-    if len(triangles) > MOST_TRIANGLES:
-        raise SceneError(f"{file}: has {len(triangles)} triangles, at most {MOST_TRIANGLES} are taken")
-    if not np.isfinite(raw.vertices[triangles]).all():
+    if len(corners) > MOST_TRIANGLES:
+        raise SceneError(f"{file}: has {len(corners)} triangles, at most {MOST_TRIANGLES} are taken")
+    if not np.isfinite(raw.vertices[corners]).all():
         raise SceneError(f"{file}: has a vertex that is not finite")
-    largest = float(np.abs(raw.vertices[triangles]).max())
+    largest = float(np.abs(raw.vertices[corners]).max())
     if largest > LARGEST or 0.0 < largest < 1.0 / LARGEST:
-        raise SceneError(f"{file}: its numbers reach {largest:.3g}, which is too {_LARGE[largest > 1.0]} to compute with")
-    vertices, triangles = welded(raw.vertices, triangles.astype(np.int32), raw.step)
+        word = "large" if largest > 1.0 else "small"
+        raise SceneError(f"{file}: its numbers reach {largest:.3g}, which is too {word} to compute with")
+    vertices, triangles = welded(raw.vertices, corners.astype(np.int32), raw.step)
     vertices, triangles, hollows = _facing(vertices, triangles)
     if len(triangles):
         vertices, triangles = without_slivers(vertices, triangles)

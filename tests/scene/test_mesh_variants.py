@@ -1,5 +1,6 @@
 """One solid, written in all the ways that programs write mesh files: always the same volume, or a true reason."""
 
+import itertools
 import struct
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,10 +14,8 @@ from sandbox.scene.assemble import assemble
 from sandbox.scene.model import Scene
 
 # An L of two bars with a hole through one of them: outer corners, then those of the hole, counter-clockwise [m].
-PLAN = np.array(
-    [[0, 0], [0.31, 0], [0.31, 0.12], [0.13, 0.12], [0.13, 0.27], [0, 0.27], [0.03, 0.05], [0.08, 0.05], [0.08, 0.2]]
-    + [[0.03, 0.2]]
-)
+AROUND = [(0, 0), (0.31, 0), (0.31, 0.12), (0.13, 0.12), (0.13, 0.27), (0, 0.27)]
+PLAN = np.array([*AROUND, (0.03, 0.05), (0.08, 0.05), (0.08, 0.2), (0.03, 0.2)])
 HEIGHT = 0.11
 VOLUME = (0.31 * 0.12 + 0.13 * 0.15 - 0.05 * 0.15) * HEIGHT
 """[m^3]"""
@@ -49,7 +48,9 @@ def in_blocks(faces: Faces = TRIANGLES) -> str:
     return "".join(obj([range(-len(face), 0)], POINTS[list(face)], first=0) for face in faces)
 
 
-def stl(points: Any = POINTS, triangles: Faces = TRIANGLES, header: bytes = b"made by hand", tail: bytes = b"") -> bytes:
+def stl(
+    points: Any = POINTS, triangles: Faces = TRIANGLES, header: bytes = b"made by hand", tail: bytes = b""
+) -> bytes:
     corners = np.asarray(points, dtype="<f4")[np.asarray(triangles)]
     rows = [np.zeros(3, "<f4").tobytes() + own.tobytes() + b"\0\0" for own in corners]
     return header.ljust(80, b"\0") + struct.pack("<I", len(rows)) + b"".join(rows) + tail
@@ -97,8 +98,9 @@ def ply(
     if mark:
         body = b"".join(struct.pack(mark + codes, *values) for codes, values in plan)
     else:
-        body = "".join(" ".join(repr(float(v)) if c in "df" else str(v) for c, v in zip(codes, values, strict=True)) + end
-                       for codes, values in plan).encode()  # fmt: skip
+        body = "".join(
+            " ".join(map(repr, map(float, row) if "d" in codes else row)) + end for codes, row in plan
+        ).encode()
     return (end.join([*head, "end_header", ""])).encode() + body
 
 
@@ -110,7 +112,7 @@ def flipped(share: float, faces: Faces = TRIANGLES) -> list[Sequence[int]]:
 def unmerged(faces: Faces = TRIANGLES) -> tuple[Any, list[list[int]]]:
     corners = [corner for face in faces for corner in face]
     starts = np.cumsum([0] + [len(face) for face in faces])
-    return POINTS[corners], [list(range(a, b)) for a, b in zip(starts, starts[1:], strict=False)]
+    return POINTS[corners], [list(range(a, b)) for a, b in itertools.pairwise(starts)]
 
 
 def split(sliver: bool) -> str:

@@ -68,7 +68,9 @@ def gaps(vertices: FloatArray, triangles: IntArray) -> str:
         if len(edges):
             count = f"{len(edges)} edge{'' if len(edges) == 1 else 's'}"
             most = table.uses[edges]
-            reasons.append(said.format(count, most.max() if (most == most[0]).all() else f"{most.min()} to {most.max()}"))
+            reasons.append(
+                said.format(count, most.max() if (most == most[0]).all() else f"{most.min()} to {most.max()}")
+            )
             places.append(vertices[sides[np.argmax(table.of_side == edges[0])]].mean(axis=0))
     return f"{' and '.join(reasons)}, one near ({', '.join(f'{x:.4g}' for x in places[0])})" if reasons else ""
 
@@ -87,7 +89,7 @@ def face_outward(vertices: FloatArray, triangles: IntArray) -> tuple[IntArray, i
         if not is_closed(triangles):
             return triangles, 0
     part = _parts(triangles, patch)
-    volumes = np.bincount(part, _tetrahedra(vertices, triangles))
+    volumes = np.asarray(np.bincount(part, _tetrahedra(vertices, triangles)), dtype=np.float64)
     inward = _depths(vertices, triangles, part, volumes) % 2 == 1
     turned = np.where(inward, volumes > 0.0, volumes < 0.0)
     hollows = 0 if turned[~inward].any() else int(turned.sum())
@@ -230,7 +232,8 @@ def _depths(vertices: FloatArray, triangles: IntArray, part: Numbers, volumes: F
 def _looked_at(points: FloatArray) -> FloatArray:
     """Some of the points [m]: every so many, and the outermost ones, which would be the first to stick out."""
     ways = np.array(list(itertools.product((-1, 0, 1), repeat=3)))
-    return points[np.unique([*range(0, len(points), max(1, len(points) // _LOOKS)), *(points @ ways.T).argmax(axis=0)])]
+    chosen = [*range(0, len(points), max(1, len(points) // _LOOKS)), *(points @ ways.T).argmax(axis=0)]
+    return np.asarray(points[np.unique(chosen)])
 
 
 def _winding(point: FloatArray, vertices: FloatArray, triangles: IntArray) -> float:

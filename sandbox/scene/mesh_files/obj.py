@@ -9,7 +9,8 @@ from collections import Counter
 
 import numpy as np
 
-from sandbox.scene.mesh_files.faces import BadFileError, FloatArray, Numbers, RawMesh, counted
+from sandbox.scene.lattice import FloatArray
+from sandbox.scene.mesh_files.faces import BadFileError, Numbers, RawMesh, counted
 
 _NO_GEOMETRY = set(
     "v f fo vt vn vp vw g s o mg mtllib usemtl maplib usemap bevel c_interp d_interp lod shadow_obj trace_obj "
@@ -41,7 +42,9 @@ def read_obj(data: bytes) -> RawMesh:
         corners = np.where(corners < 0, corners + np.repeat(so_far, counts) + 1, corners)
         _check(text, faces, counts, corners >= 1, "counts back to a vertex before the first")
     _check(text, faces, counts, corners != 0, "names vertex 0; the first is 1")
-    _check(text, faces, counts, corners <= len(vertices), f"names a vertex that is not there; there are {len(vertices)}")
+    _check(
+        text, faces, counts, corners <= len(vertices), f"names a vertex that is not there; there are {len(vertices)}"
+    )
     others = Counter(re.findall(rf"(?m)^{_SPACE}*([^\s]+)", text))
     left_out = Counter({"face of fewer than 3 corners": int((counts < 3).sum())})
     for word, count in others.items():

@@ -139,7 +139,9 @@ class _Binary:
         data, at, sign = self._data, self._at, {"<": "little", ">": "big"}[self._order]
         columns: dict[str, list[bytes]] = {name: [] for name, _, _ in element.properties}
         counts: dict[str, list[int]] = {name: [] for name, _, length in element.properties if length}
-        plan = [(name, int(kind[1]), length, int(length[1]) if length else 0) for name, kind, length in element.properties]
+        plan = [
+            (name, int(kind[1]), length, int(length[1]) if length else 0) for name, kind, length in element.properties
+        ]
         for _ in range(element.count):
             for name, width, length, own in plan:
                 number = 1

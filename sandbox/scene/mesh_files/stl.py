@@ -7,7 +7,8 @@ import re
 
 import numpy as np
 
-from sandbox.scene.mesh_files.faces import BadFileError, FloatArray, RawMesh
+from sandbox.scene.lattice import FloatArray
+from sandbox.scene.mesh_files.faces import BadFileError, RawMesh
 
 _HEADER = 84
 _SINGLE = 2.0**-23
@@ -30,7 +31,9 @@ def read_stl(data: bytes) -> RawMesh:
     if not is_text:
         if len(data) < _HEADER:
             raise BadFileError("is no STL: it is shorter than the head of one")
-        raise BadFileError(f"ends early: it has room for {(len(data) - _HEADER) // _FACET.itemsize} of {count} triangles")
+        raise BadFileError(
+            f"ends early: it has room for {(len(data) - _HEADER) // _FACET.itemsize} of {count} triangles"
+        )
     return _of(_text(data), _DIGITS)
 
 
