@@ -16,7 +16,8 @@ TrajectoryOption = Annotated[
     str | None, typer.Option(metavar="KIND", help="Also write the state at every picture: npz or zarr.")
 ]
 ExportOption = Annotated[
-    str | None, typer.Option(metavar="KIND,KIND", help="Also write mesh files: ply, obj, vtu, springs, usd, glb.")
+    str | None,
+    typer.Option(metavar="KIND,KIND", help="Also write mesh files: ply, faces, obj, vtu, springs, usd, glb."),
 ]
 QuietOption = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors and warnings.")]
 SizeOption = Annotated[str | None, typer.Option(metavar="WIDTHxHEIGHT", help="Picture size, e.g. 1280x720.")]
@@ -26,7 +27,7 @@ _CAMERA = ("eye", "target", "field_of_view", "height")
 def export(
     source: Annotated[str, typer.Argument(metavar="SCENE_OR_RUNFOLDER", help="A scene, or a run with a trajectory.")],
     format_: Annotated[
-        str, typer.Option("--format", metavar="KIND,KIND", help="Mesh files: ply, obj, vtu, springs, usd, glb.")
+        str, typer.Option("--format", metavar="KIND,KIND", help="Mesh files: ply, faces, obj, vtu, springs, usd, glb.")
     ] = "vtu",
     set_: SetOption = None,
     with_: WithOption = None,

@@ -22,6 +22,8 @@ class ExportFormat(StrEnum):
     """Kinds of mesh files."""
 
     PLY = "ply"
+    FACES = "faces"
+    """PLY without the edges of ropes and struts, which not all programs know."""
     OBJ = "obj"
     VTU = "vtu"
     SPRINGS = "springs"
@@ -67,6 +69,8 @@ def open_exports(
         match kind:
             case ExportFormat.PLY:
                 return [kind], polygons.PlyWriter(place, stem, surfaces, real)
+            case ExportFormat.FACES:
+                return [kind], polygons.PlyWriter(place, stem, surfaces, real, has_edges=False)
             case ExportFormat.OBJ:
                 return [kind], polygons.ObjWriter(place, stem, surfaces, 17 if precision == "f64" else 9)
             case ExportFormat.VTU:

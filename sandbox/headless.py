@@ -58,7 +58,7 @@ class RunOptions:
     trajectory: str | None = None
     """npz or zarr: the state at every picture is written down."""
     exports: tuple[str, ...] = ()
-    """Kinds of mesh files: ply, obj, vtu, springs, usd, glb."""
+    """Kinds of mesh files: ply, faces, obj, vtu, springs, usd, glb."""
 
     @property
     def folder(self) -> Path:

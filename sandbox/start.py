@@ -50,7 +50,8 @@ def check_memory(first: Mapping[str, NDArray[np.float64]], memory: Mapping[str, 
 
 
 def start_remarks(assembly: Assembly) -> Iterator[Remark]:
-    """What is in another thing's place at the start: bodies in each other, bodies inside colliders."""
+    """What is in another thing's place at the start: bodies in each other, bodies inside colliders; odd mesh files."""
+    yield from (Remark(WarningKind.MESH, line, line) for line in assembly.remarks)
     names = [body.name for body in assembly.scene.bodies]
     for touching, end in ((True, ""), (False, f"; {NO_RADIUS}")):
         pairs = BodyPairs(assembly, touching)

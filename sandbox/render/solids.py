@@ -124,10 +124,10 @@ def _times(motion: Motion) -> FloatArray:
 
 
 def _mesh(collider: MeshCollider) -> tuple[FloatArray, FloatArray]:
-    from sandbox.scene.mesh_file import load_mesh
+    from sandbox.scene.mesh_file import load_surface
 
-    vertices, triangles = load_mesh(collider.file, collider.scale)
-    return vertices[triangles], corner_normals(vertices, triangles)
+    surface = load_surface(collider)
+    return surface.vertices[surface.triangles], corner_normals(surface.vertices, surface.triangles)
 
 
 def _box(half: FloatArray, cells: tuple[int, int, int]) -> tuple[FloatArray, FloatArray]:

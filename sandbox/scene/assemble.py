@@ -18,7 +18,8 @@ from sandbox.scene.attachments import Carried
 from sandbox.scene.cells import SolidCells
 from sandbox.scene.lattice import FloatArray, IntArray
 from sandbox.scene.look import build_appearance
-from sandbox.scene.model import Body, Bracing, Collider, Custom, Material, Scene
+from sandbox.scene.mesh_file import load_surface
+from sandbox.scene.model import Body, Bracing, Collider, Custom, Material, MeshCollider, Scene
 from sandbox.scene.model.base import LARGEST
 from sandbox.scene.motion import Motion
 from sandbox.scene.ordering import locality_order
@@ -98,6 +99,8 @@ class Assembly:
     """Room for what is done to the bodies."""
     home: "Home"
     """Where bodies are that enter later."""
+    remarks: tuple[str, ...] = ()
+    """What is odd about the scene's shapes, one line each."""
 
     @property
     def particle_count(self) -> int:
@@ -225,7 +228,19 @@ def assemble(scene: Scene) -> Assembly:
         ),
         plan=plan,
         home=home,
+        remarks=_remarks(scene, parts),
     )
+
+
+def _remarks(scene: Scene, parts: "list[_Part]") -> tuple[str, ...]:
+    own = [f"bodies[{index}].shape: {line}" for index, part in enumerate(parts) for line in part.geometry.remarks]
+    for index, collider in enumerate(scene.colliders):
+        if isinstance(collider, MeshCollider):
+            try:
+                own += [f"colliders[{index}]: {line}" for line in load_surface(collider).remarks]
+            except SceneError as error:
+                raise SceneError(f"colliders[{index}].file: {error}") from None
+    return tuple(own)
 
 
 def _faces_of(

@@ -61,7 +61,7 @@ def triangles_of(faces, numbers):
 def test_the_layout_is_as_the_docs_say(solid_run):
     names = {path.name for path in solid_run.folder.iterdir()}
     assert {"ply", "obj", "vtu", "springs", "scene.pvd", "scene_springs.pvd", "scene.usdc", "scene.glb"} <= names
-    for kind, ending in (("ply", "ply"), ("obj", "obj"), ("vtu", "vtu"), ("springs", "vtu")):
+    for kind, ending in (("ply", "ply"), ("faces", "ply"), ("obj", "obj"), ("vtu", "vtu"), ("springs", "vtu")):
         files = sorted(path.name for path in (solid_run.folder / kind).iterdir())
         assert files == [f"scene_{number:04d}.{ending}" for number in range(5)]
 
@@ -87,6 +87,14 @@ def test_ply(solid_run, whole_triangles, number):
     rope = solid_run.rows(ROPE)
     ends = particle[np.stack([edges["vertex1"], edges["vertex2"]], axis=1).reshape(-1, 2)]
     assert ends.tolist() == [[k, k + 1] for k in range(rope.start, rope.stop - 1)]
+
+
+def test_faces_are_the_ply_without_its_edges(solid_run):
+    whole, faces = (
+        (solid_run.folder / kind / "scene_0004.ply").read_bytes().split(b"end_header\n", 1) for kind in ("ply", "faces")
+    )
+    assert b"element edge" in whole[0] and b"element edge" not in faces[0]
+    assert faces[0] == whole[0].split(b"element edge")[0] and whole[1].startswith(faces[1])
 
 
 def test_the_sheet_loses_triangles(whole_triangles):

@@ -13,7 +13,7 @@ import numpy as np
 import taichi as ti
 
 from sandbox import runtime
-from sandbox.contact.colliders.solid import SolidCollider, outside_box, rounding
+from sandbox.contact.colliders.solid import BLUNT, SolidCollider, outside_box, rounding
 from sandbox.contact.distance_grid import DistanceGrid, grid_frame, nodes_inside
 from sandbox.contact.mesh_surface import MeshSurface, loose_surface, mesh_surface
 from sandbox.contact.mesh_union import outer_parts
@@ -22,7 +22,7 @@ from sandbox.contact.triangle_tree import FloatArray
 from sandbox.errors import SceneError
 from sandbox.scene.assemble import Assembly
 from sandbox.scene.lattice import IntArray
-from sandbox.scene.mesh_file import is_closed, load_mesh
+from sandbox.scene.mesh_file import load_surface
 from sandbox.scene.model import MeshCollider
 from sandbox.scene.motion import origin
 from sandbox.scene.placement import rotation_matrix
@@ -79,10 +79,13 @@ class MeshSolidCollider(SolidCollider):
         largest_radius: float,
     ) -> None:
         super().__init__(surface, radius, state)
-        vertices, triangles = load_mesh(collider.file, collider.scale)
-        if not is_closed(triangles):
-            raise SceneError(f"{where}.file: {collider.file} is not closed, so it has no inside to collide with")
-        solid = _solid(np.ascontiguousarray(vertices, float).tobytes(), np.ascontiguousarray(triangles, "i4").tobytes())
+        mesh = load_surface(collider)
+        if mesh.gaps:
+            raise SceneError(
+                f"{where}.file: {collider.file} is not closed, so it has no inside to collide with: it has {mesh.gaps}"
+            )
+        vertices, triangles = (np.ascontiguousarray(mesh.vertices, float), np.ascontiguousarray(mesh.triangles, "i4"))
+        solid = _solid(vertices.tobytes(), triangles.tobytes())
         if solid is None:
             raise SceneError(f"{where}.file: {collider.file} has no inside to collide with")
         vector, matrix = runtime.vector(3), ti.types.matrix(3, 3, runtime.real())
@@ -130,7 +133,7 @@ class MeshSolidCollider(SolidCollider):
         return outside_box(self.low, self.high, x)
 
     @ti.func
-    def closest(self, x):
+    def _closest(self, x):
         """Signed distance of a place in the file's frame from the surface [m], and the direction away from the solid.
 
         Two places in the code look for what is closest only where parts overlap: a search is long.
@@ -154,7 +157,7 @@ class MeshSolidCollider(SolidCollider):
                 normal = outward
                 flat = part == 0
         out = outward
-        if distance > self.slack:  # nearer than that, the difference is rounding
+        if distance > BLUNT * self.slack:  # nearer than that, the difference is rounding
             out = ti.select(inside, spot - x, x - spot) / distance
             if flat:
                 out = normal
@@ -162,7 +165,7 @@ class MeshSolidCollider(SolidCollider):
 
     @ti.func
     def signed_distance(self, c, x):
-        distance, _ = self.closest(self._local(x))
+        distance, _ = self._closest(self._local(x))
         return distance
 
     @ti.func
@@ -174,18 +177,17 @@ class MeshSolidCollider(SolidCollider):
         value, away, _ = self.grid.look(a)
         distance = far
         if value - away < far:
-            distance, _ = self.closest(a)
+            distance, _ = self._closest(a)
             distance = ti.min(distance, far)
         return radius - ti.max(distance, self._gap(a))
 
     @ti.func
     def closest(self, c, x):
         """Signed distance from the surface [m], and the direction away from the solid there."""
-        local = self._local(x)
-        normal = self._normal(local)
+        distance, out = self._closest(self._local(x))
         if ti.static(self.placed):
-            normal = self.to_world @ normal
-        return self._value(local), normal
+            out = self.to_world @ out
+        return distance, out
 
     @ti.func
     def entry(self, c, start, end, radius):
@@ -198,7 +200,7 @@ class MeshSolidCollider(SolidCollider):
         normal = 0.0 * a
         value, away, _ = self.grid.look(a)
         if ti.max(self._gap(a), value - away) - radius <= length:
-            distance, out = self.closest(a)
+            distance, out = self._closest(a)
             before = distance - radius
             along = self.grazing * length + self.unsure
             spot = a - before * out

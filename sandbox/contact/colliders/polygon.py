@@ -13,7 +13,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from sandbox import runtime
-from sandbox.contact.colliders.solid import NEVER, Numbers, SolidCollider, enter_ball, outside_box, rounding
+from sandbox.contact.colliders.solid import BLUNT, NEVER, Numbers, SolidCollider, enter_ball, outside_box, rounding
 from sandbox.scene.assemble import Assembly
 from sandbox.scene.model import PolygonCollider
 from sandbox.scene.motion import origin
@@ -24,8 +24,6 @@ from sandbox.state import ParticleState, place
 FloatArray = NDArray[np.float64]
 
 _BIG = 1e30
-_BLUNT = 64.0
-"""Distance from a corner that still gives no direction, over that which counts as touching [1]."""
 
 
 def outline_edges(points: Any, holes: Any) -> tuple[FloatArray, FloatArray]:
@@ -139,7 +137,7 @@ class OutlineCollider(SolidCollider):
                 inside = not inside
         distance = ti.sqrt(best)
         # Beside an edge its normal is exact; the difference that leads to a corner is rounding where it is small.
-        if at_corner and distance > _BLUNT * self.slack:
+        if at_corner and distance > BLUNT * self.slack:
             normal = ti.select(inside, -away, away) / distance
         return ti.select(inside, -distance, distance), normal
 

@@ -13,6 +13,8 @@ from sandbox.scene.assemble import Assembly
 from sandbox.state import ParticleState, place
 
 TINY = 1e-12
+BLUNT = 16.0
+"""Distance from a corner that still gives no direction, over that which counts as touching [1]."""
 NEVER = 2.0
 """Fraction of a path that stands for: not on this path."""
 
@@ -264,7 +266,7 @@ class SolidCollider:
             x_new = end + (radius - distance) * out
             v_new = v - ti.min((v - ground).dot(out), 0.0) * out
             distance, out = self.closest(c, x_new)
-            if distance < radius - 4.0 * self.slack:
+            if distance < radius - 4.0 * BLUNT * self.slack:
                 x_new = place
                 v_new = v
                 if (v - ground).dot(before) < 0.0:

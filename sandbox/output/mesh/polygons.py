@@ -12,10 +12,10 @@ from sandbox.output.mesh.surface import BodyShape, Surfaces
 class PlyWriter:
     """PLY, binary: vertices with velocity, colour, body, particle and strain; triangles; lines as edges."""
 
-    def __init__(self, folder: Path, stem: Stem, surfaces: Surfaces, real: Any) -> None:
-        """``real``: type of numbers."""
+    def __init__(self, folder: Path, stem: Stem, surfaces: Surfaces, real: Any, *, has_edges: bool = True) -> None:
+        """``real``: type of numbers; ``has_edges``: whether lines are written, which not all programs know in a PLY."""
         folder.mkdir()
-        self._folder, self._stem, self._surfaces = folder, stem, surfaces
+        self._folder, self._stem, self._surfaces, self._has_edges = folder, stem, surfaces, has_edges
         self._real = np.dtype(real).newbyteorder("<")
 
     def write(self, frame: Frame) -> None:
@@ -29,7 +29,7 @@ class PlyWriter:
         triangles = _joined([shape.triangles for _, shape in shapes], first, 3)
         faces = np.empty(len(triangles), dtype=[("count", "u1"), ("corners", "<i4", 3)])
         faces["count"], faces["corners"] = 3, triangles
-        lines = _joined([shape.lines for _, shape in shapes], first, 2)
+        lines = _joined([shape.lines for _, shape in shapes if self._has_edges], first, 2)
         names = {"<f4": "float", "<f8": "double", "|u1": "uchar", "<i4": "int"}
         header = ["ply", "format binary_little_endian 1.0", f"comment time {frame.time!r}"]
         header += [f"element vertex {len(vertices)}"]

@@ -37,6 +37,12 @@ def _nonzero(value: tuple[float, ...]) -> tuple[float, ...]:
     return value
 
 
+def check_one_size(scale: float, size: float | None) -> None:
+    """Raise PydanticCustomError where a mesh file is given two sizes."""
+    if size is not None and scale != 1.0:
+        raise PydanticCustomError("two_sizes", "give scale or size, not both", {})
+
+
 # Strict: text or a boolean where a number belongs is a mistake to report, not to convert.
 Real = Annotated[float, Strict()]
 Integer = Annotated[int, Strict()]
@@ -57,4 +63,6 @@ BEND_HELP = (
     "bend springs, which skip one particle along each edge direction: their stiffness over that of structural "
     "springs [1]; 0: none"
 )
+SCALE_HELP = "factor from the file's units to metres"
+LONGEST_HELP = "length of the longest side of the mesh's box, whatever the file's units are [m]; instead of scale"
 ROTATION_HELP = "2D: angle [degrees], counter-clockwise; 3D: angles about x, then y, then z [degrees]"

@@ -8,9 +8,12 @@ from pydantic import ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from sandbox.scene.model.base import (
+    LONGEST_HELP,
     ROTATION_HELP,
+    SCALE_HELP,
     Color,
     Direction,
+    Flag,
     Fraction,
     Integer,
     Model,
@@ -20,6 +23,7 @@ from sandbox.scene.model.base import (
     Rotation,
     Size,
     Vector,
+    check_one_size,
 )
 
 
@@ -112,12 +116,21 @@ class MeshCollider(Solid):
 
     kind: Literal["mesh"]
     file: str = Field(min_length=1, description="path (OBJ, PLY, STL, ...); relative ones start at the scene's folder")
-    scale: Positive = Field(1.0, description="factor from the file's units to metres")
-    position: Vector | None = Field(None, description="where the file's origin is [m]; default: the world's")
+    scale: Positive = Field(1.0, description=SCALE_HELP)
+    size: Positive | None = Field(None, description=LONGEST_HELP)
+    center: Flag = Field(
+        False, description="what is at the position: the file's origin; true: the middle of the mesh's box"
+    )
+    position: Vector | None = Field(None, description="where the file's origin or middle is [m]; default: the world's")
     rotation: Rotation = Field(0.0, description=ROTATION_HELP)
     resolution: Annotated[Integer, Field(ge=4, le=512)] = Field(
         64, description="grid cells along the mesh's longest side, where searches begin; changes speed, not results"
     )
+
+    @model_validator(mode="after")
+    def _one_size(self) -> "MeshCollider":
+        check_one_size(self.scale, self.size)
+        return self
 
 
 Collider = Annotated[

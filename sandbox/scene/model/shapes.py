@@ -8,7 +8,10 @@ from pydantic_core import PydanticCustomError
 
 from sandbox.scene.model.base import (
     BEND_HELP,
+    LONGEST_HELP,
+    SCALE_HELP,
     Cells,
+    Flag,
     Index,
     Integer,
     Model,
@@ -17,6 +20,7 @@ from sandbox.scene.model.base import (
     Positive,
     Size,
     Vector,
+    check_one_size,
 )
 
 
@@ -127,12 +131,21 @@ class Mesh(Model):
 
     kind: Literal["mesh"]
     file: str = Field(min_length=1, description="path; relative ones start at the scene file's folder")
-    scale: Positive = Field(1.0, description="factor from the file's units to metres")
+    scale: Positive = Field(1.0, description=SCALE_HELP)
+    size: Positive | None = Field(None, description=LONGEST_HELP)
+    center: Flag = Field(
+        True, description="what is at the body's position: the middle of the mesh's box; false: the file's origin"
+    )
     fill: Fill = Field(Fill.LATTICE, description="shell: springs along edges; lattice: cells inside carry the surface")
     cells: Cells = Field(16, description="lattice cells along the longest side")
     thickness: Positive = Field(1e-3, description="thickness of a shell's wall [m]")
     bracing: Bracing = Field(Bracing.FACE, description="shear springs of the lattice: none, face or body")
     bend: NonNegative = Field(0.0, description="bend springs across every edge of a shell, over structural ones [1]")
+
+    @model_validator(mode="after")
+    def _one_size(self) -> "Mesh":
+        check_one_size(self.scale, self.size)
+        return self
 
 
 class Custom(Model):

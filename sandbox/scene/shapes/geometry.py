@@ -63,6 +63,8 @@ class Geometry:
     """Particles at the corners of every cell of a solid lattice, which count up in binary, x first, shape (C, 2^d)."""
     show_particles: bool = False
     """True where particles are to be seen even if the scene does not ask for them."""
+    remarks: tuple[str, ...] = ()
+    """What is odd about the shape, one line each."""
 
 
 def lengths(points: FloatArray, springs: IntArray) -> FloatArray:
