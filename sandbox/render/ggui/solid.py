@@ -7,7 +7,7 @@ import taichi as ti
 
 from sandbox import runtime
 from sandbox.render import palette, vertices
-from sandbox.render.arrays import upload, vectors
+from sandbox.render.arrays import refill, upload, vectors
 from sandbox.render.camera import PinholeCamera
 from sandbox.render.ggui import lighting
 from sandbox.render.ggui.rounds import capsule_pattern
@@ -223,7 +223,7 @@ class SolidScenery:
         # Rims and other sides of sheets come after; those do not tear.
         surface = np.zeros(len(self._skin_triangles), dtype=np.int32)
         surface[:triangle_count] = hidden[:triangle_count]
-        self._hidden.from_numpy(surface)
+        refill(self._hidden, surface)
         rods = np.repeat(hidden[len(hidden) - capsule_count :] != 0, len(self._pattern.triangles))
         indices = self._whole.copy()
         rod_start = len(surface) + self._solids.corner_count // 3
