@@ -56,7 +56,7 @@ class Acting:
         if change.solver is not None:
             simulation.switch_solver(change.solver)
         if change.stiffer:
-            simulation.stiffened(float(self.actor.factors.max(initial=1.0)))
+            simulation.stiffened(self.actor.stiffest)
         if change.state is not None:
             simulation.forget_measurement()
         for books in simulation.parts.ledger:

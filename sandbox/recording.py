@@ -10,6 +10,7 @@ from pydantic import Field, ValidationError
 
 from sandbox.errors import SceneError
 from sandbox.files import replace_when_whole
+from sandbox.scene.action_plan import room_left
 from sandbox.scene.load import check_dimensions, describe, read_toml, to_toml
 from sandbox.scene.model import Action, Interaction, Precision, Scene
 from sandbox.scene.model.base import Index, Model, Positive
@@ -22,6 +23,7 @@ class Header(Model):
     title: str = Field("", description="of the scene")
     tick: Positive = Field(description="time went on by this much at once [s]")
     ticks: Index = Field(description="how often")
+    duration: Positive | None = Field(None, description="of the scene, for which steps were chosen [s]")
     precision: Precision = Field(description="that it was simulated in")
     scene_sha256: str = Field("", description="fingerprint of the scene before anything was done to it")
     state_sha256: str = Field("", description="hash of the state at the end")
@@ -85,8 +87,14 @@ def with_actions(scene: Scene, file: ActionFile, source: str) -> Scene:
     changes: dict[str, object] = {"actions": scene.actions + file.actions}
     if file.interaction is not None:
         changes["interaction"] = file.interaction
-    if file.recording is not None and file.recording.ticks > 0:
-        changes["duration"] = file.recording.tick * file.recording.ticks
+    if file.recording is not None:
+        if file.interaction is not None:
+            live = scene.model_copy(update={"interaction": file.interaction})
+            changes["interaction"] = room_left(live, scene.actions + file.actions)
+        horizon = scene.solver.horizon or file.recording.duration or scene.duration
+        changes["solver"] = scene.solver.model_copy(update={"horizon": horizon})
+        if file.recording.ticks > 0:
+            changes["duration"] = file.recording.tick * file.recording.ticks
     together = scene.model_copy(update=changes)
     check_dimensions(together, source)
     return together

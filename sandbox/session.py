@@ -35,8 +35,10 @@ _ACTION: TypeAdapter[Any] = TypeAdapter(Action)
 class LiveGrip:
     """Particles in a hand; made by :meth:`Session.grab`."""
 
-    def __init__(self, simulation: Simulation, number: int, grip: Grip) -> None:
+    def __init__(self, simulation: Simulation, number: int, grip: Grip, first_end: float) -> None:
         self._simulation, self.number, self._grip = simulation, number, grip
+        self.first_end = first_end
+        """When it can open [s]: a hand that opens before time went on still holds for a tick."""
         self.path: list[Waypoint] = []
         self.goal = grip.middle
         """Where it is led by now [m]."""
@@ -47,6 +49,12 @@ class LiveGrip:
     def body(self) -> str:
         """Whose particles they are."""
         return self._simulation.scene.bodies[self._grip.body].name
+
+    def took(self, grip: Grip) -> None:
+        """It holds these: what was seen when it was told to may have been pinned before time went on."""
+        if self.target is self.goal:
+            self.target = grip.middle
+        self._grip, self.goal = grip, grip.middle
 
     @property
     def point(self) -> FloatArray:
@@ -90,6 +98,7 @@ class Session:
 
         Raises DivergedError where the state leaves its bounds; it is then the last good one.
         """
+        self._see_what_hands_took()
         end = (self.ticks + ticks) * self.tick
         for grip in self._grips:
             self._lead(grip, end)
@@ -127,7 +136,7 @@ class Session:
         grip = self._acting.gripped(action)
         if grip is None:
             return None
-        live = LiveGrip(self.simulation, self._acting.act(action), grip)
+        live = LiveGrip(self.simulation, self._acting.act(action), grip, (self.ticks + 1) * self.tick)
         self._grips.append(live)
         return live
 
@@ -144,14 +153,19 @@ class Session:
     def _ended(self, grip: LiveGrip) -> Grab:
         action = self.simulation.scene.actions[grip.number]
         assert isinstance(action, Grab)
-        # A hand that opens before time went on still holds for a tick.
-        end = max(self.simulation.time, action.start + self.tick)
-        return action.model_copy(update={"end": end, "path": tuple(grip.path)})
+        return action.model_copy(update={"end": max(self.simulation.time, grip.first_end), "path": tuple(grip.path)})
+
+    def _see_what_hands_took(self) -> None:
+        for grip in self._grips:
+            taken = self._acting.actor.taken.get(grip.number)
+            if taken is not None and not grip.path:
+                grip.took(taken)
 
     def _lead(self, grip: LiveGrip, end: float) -> None:
-        if np.array_equal(grip.target, grip.goal):
-            return
         now = self.simulation.time
+        # Where time did not go on as far as was asked for, the hand is still on its way there.
+        if np.array_equal(grip.target, grip.goal) or (grip.path and grip.path[-1].time > now):
+            return
         action = self.simulation.scene.actions[grip.number]
         assert isinstance(action, Grab)
         if now > action.start and (not grip.path or grip.path[-1].time < now):
@@ -213,6 +227,7 @@ class Session:
                 title=simulation.scene.title,
                 tick=self.tick,
                 ticks=self.ticks,
+                duration=simulation.scene.duration,
                 precision=simulation.precision,
                 scene_sha256=self._fingerprint,
                 state_sha256=simulation.state_hash(),

@@ -249,7 +249,7 @@ class Simulation(Observed):
         """Largest stable step of the scene's integrator in the shape that the bodies have now [s]."""
         memory = self._asleep_memory if self._pipeline is None else self._pipeline.memory()
         network = network_of(self.assembly, memory)
-        return limits.stable_step(self.scheme, network, self._read()[0], self.scene.duration)
+        return limits.stable_step(self.scheme, network, self._read()[0], self.scene.horizon)
 
     def _out_of_bounds(self, measurement: Measurement) -> bool:
         bounds = self.scene.diagnostics
@@ -309,6 +309,8 @@ class Simulation(Observed):
 
     def resume(self, saved: checkpoint.Checkpoint) -> None:
         """Go on from a checkpoint of a scene with the same bodies; with the same solver, with its step too."""
+        if self.acting is not None and (solver := self.acting.actor.solver_by(saved.time)) != self.scene.solver:
+            self.switch_solver(solver)
         self.set_state(saved.positions, saved.velocities, saved.time, saved.force_velocities, saved.memory)
         if saved.steps and saved.scene.solver == self.scene.solver:
             self.dt = saved.steps[0]
@@ -343,12 +345,15 @@ class Simulation(Observed):
         self.serial = self._is_serial()
         self._steps = StepSize(self.scheme, self.assembly, self._network)
         self.dt = self._steps.chosen
-        # Schemes remember each their own.
-        known, self._asleep_memory = self._asleep_memory or {}, None
+        # Schemes remember each their own; what all else began with does not change.
+        known, self._asleep_memory, first = self._asleep_memory or {}, None, self._first_memory
         fresh = self._wake().memory()
+        self._first_memory = fresh | first
         self._asleep_memory = {name: known.get(name, values) for name, values in (known | fresh).items()}
         self._recall(self._asleep_memory)
         self._wake().set_time(self.time)
+        if self.acting is not None:
+            self.stiffened(self.acting.actor.stiffest)
         self._measurement = None
 
     def _is_serial(self) -> bool:

@@ -175,7 +175,7 @@ class StepSize:
         self.chosen, self.seen = values[0], (values[1], values[2])
 
     def _limit(self, network: SpringNetwork, positions: FloatArray) -> float:
-        return limits.stable_step(self.scheme, network, positions, self.assembly.scene.duration)
+        return limits.stable_step(self.scheme, network, positions, self.assembly.scene.horizon)
 
     def _choose(self, network: SpringNetwork) -> float:
         wanted = self.solver.dt

@@ -6,6 +6,7 @@ scene once. Nothing is compiled for it while a simulation runs.
 """
 
 import bisect
+import functools
 import itertools
 import math
 from collections.abc import Iterator
@@ -15,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sandbox.actions.choosing import chosen, crossed, gripped, particles_of
+from sandbox.actions.choosing import Grip, chosen, crossed, gripped, particles_of
 from sandbox.actions.event import BEGINS, ENDS, Change, Event, Memory, Situation, moments
 from sandbox.actions.grips import Segment
 from sandbox.errors import SceneError
@@ -73,6 +74,8 @@ class Actor:
         self.shakes: list[int] = [-1] * self.plan.shakes
         self.pushes: list[int] = [-1] * self.plan.pushes
         """Action that has every place for a push, or -1."""
+        self.taken: dict[int, Grip] = {}
+        """What hands took, by action."""
         self._forces = np.zeros((self.plan.pushes, *self.base.positions.shape))
         """What those push with [N], shape (P, N, d)."""
 
@@ -181,8 +184,9 @@ class Actor:
     def _grab(self, event: Event, action: Grab, now: Situation) -> Change:
         hands = now.parts.grips[0]
         if event.part > 0:
-            if event.action in self.grips:
-                before, after = action.path[event.part - 1 : event.part + 1]
+            before, after = action.path[event.part - 1 : event.part + 1]
+            # A hand that stays is not led: it rests where it came to, whether or not a waypoint says so.
+            if event.action in self.grips and before.position != after.position:
                 origin, goal = np.asarray(before.position), np.asarray(after.position)
                 hands.lead(self.grips.index(event.action), Segment(before.time, after.time, origin, goal))
             return Change()
@@ -191,7 +195,7 @@ class Actor:
         if grip is None:
             return _nothing(event.action, "grab")
         row = self.grips.index(-1)
-        self.grips[row] = event.action
+        self.grips[row], self.taken[event.action] = event.action, grip
         mass = float(self.base.masses[self.base.particle_body == grip.body].sum())
         stiffness = action.stiffness or mass * _SWINGS**2
         share = np.zeros(len(positions))
@@ -203,9 +207,11 @@ class Actor:
         offset = np.where(share[:, None] > 0.0, positions - grip.middle, 0.0)
         most = (action.max_force or _STRENGTH * mass) / len(grip.particles)
         first = action.path[0] if action.path else None
-        goal = grip.middle if first is None else np.asarray(first.position)
         hands.take(row, share, damping, offset, most)
-        hands.lead(row, Segment(action.start, action.start if first is None else first.time, grip.middle, goal))
+        if first is None or np.array_equal(first.position, grip.middle):
+            hands.lead(row, Segment(action.start, action.start, grip.middle, grip.middle))
+        else:
+            hands.lead(row, Segment(action.start, first.time, grip.middle, np.asarray(first.position)))
         return Change()
 
     def _push(self, number: int, action: Push, now: Situation) -> Change:
@@ -315,6 +321,16 @@ class Actor:
             inverse_masses=np.where(self.held, 0.0, 1.0 / self.base.masses),
             carried=carried,
         )
+
+    @property
+    def stiffest(self) -> float:
+        """How many times as stiff as the scene says the springs are that were stiffened most, 1 at least [1]."""
+        return float(self.factors.max(initial=1.0))
+
+    def solver_by(self, time: float) -> Solver:
+        """How the scene is solved by a time [s], before what happens just then."""
+        switches = [action for action in self.actions if isinstance(action, Switch) and action.time < time]
+        return functools.reduce(_switched, sorted(switches, key=lambda each: each.time), self.base.scene.solver)
 
     def use(self, solver: Solver) -> None:
         """The scene is solved otherwise from now on."""

@@ -55,7 +55,7 @@ class FlatPainter:
         )
         self._create_rounds(appearance, size)
         self._create_corners(appearance, size)
-        self._create_buffers(size)
+        self._create_buffers(appearance.particle_count, size)
         self._create_paper(appearance, size)
 
     def _create_rounds(self, appearance: Appearance, size: tuple[int, int]) -> None:
@@ -97,7 +97,7 @@ class FlatPainter:
         self._corners = upload(corners[is_pushed], ti.i32)
         self._corner_radius = upload(radius[is_pushed], ti.f32)
 
-    def _create_buffers(self, size: tuple[int, int]) -> None:
+    def _create_buffers(self, particle_count: int, size: tuple[int, int]) -> None:
         width, height = size
         across, down = -(-width // TILE), -(-height // TILE)
         self._keys = zeros(ti.i32, height, width, raster2d.SAMPLES)
@@ -108,8 +108,9 @@ class FlatPainter:
         self._tile_reach = ti.ndarray(vec4, (down, across))
         self._tile_reach.fill(ti.Vector([1.0, 1.0, -1.0, -1.0]))
         self._light_tiles = zeros(ti.i32, 1, 1)
-        self._screen: Any = ti.ndarray(vec2, 1)
-        self._values: Any = zeros(ti.f32, 1)
+        # The field of positions has more rows than there are particles; that of values does not.
+        self._screen: Any = ti.ndarray(vec2, particle_count)
+        self._values: Any = zeros(ti.f32, particle_count)
 
     def _create_paper(self, appearance: Appearance, size: tuple[int, int]) -> None:
         """Paint what does not move, and keep the numbers of what does."""
@@ -147,9 +148,6 @@ class FlatPainter:
 
     def _place(self, positions: Any, slot: int) -> None:
         """Where all particles are in the picture; those of outlines outside, and in the gaps beside what has torn."""
-        particle_count = positions.shape[1]
-        if self._screen.shape[0] != particle_count:
-            self._screen, self._values = ti.ndarray(vec2, particle_count), zeros(ti.f32, particle_count)
         raster2d.place_points(positions, slot, self._view, self._screen)
         if self._opening is not None:
             self._opening.move(positions, slot, self._tearing.hidden, self._view, self._screen)

@@ -25,6 +25,7 @@ def move_places(
     is_thick: ti.template(),
     positions: ti.template(),
     slot: ti.i32,
+    particle_count: ti.i32,
     carried: Points,
     points: Ints,
     radius: Floats,
@@ -43,7 +44,7 @@ def move_places(
     `outward` which way the gap is.
     """
     for i in range(points.shape[0]):
-        p = point3(has_carried, positions, slot, carried, points[i])
+        p = point3(has_carried, positions, slot, particle_count, carried, points[i])
         n, area, reach, n_gap, around_gap = vec3(0.0, 0.0, 0.0), 0.0, 0.0, vec3(0.0, 0.0, 0.0), 0.0
         inner, outer = 0, 0
         for k in range(start[i], start[i + 1]):
@@ -55,8 +56,8 @@ def move_places(
                 else:
                     outer += 1
                 if is_inner or is_thick:
-                    one = point3(has_carried, positions, slot, carried, points[around[2 * k]])
-                    two = point3(has_carried, positions, slot, carried, points[around[2 * k + 1]])
+                    one = point3(has_carried, positions, slot, particle_count, carried, points[around[2 * k]])
+                    two = point3(has_carried, positions, slot, particle_count, carried, points[around[2 * k + 1]])
                     face = (one - p).cross(two - p)
                     n += face
                     area += face.norm()
@@ -157,6 +158,7 @@ class Opening:
         radius[skin.vertex_place] = skin.radius
         depth = np.zeros(len(surface.triangles))
         depth[: len(appearance.triangles)] = appearance.cells.triangles.depth
+        self._particle_count = appearance.particle_count
         self._is_thick = bool(np.any(radius > 0.0))
         self._points, self._radius, self._depth = upload(point, ti.i32), upload(radius, ti.f32), upload(depth, ti.f32)
         self._around = [upload(values, ti.i32) for values in build_rings(places, places, len(point))]
@@ -170,8 +172,8 @@ class Opening:
     ) -> None:
         """Enter all that are seen into `targets`: world coordinates, normals, screen and light coordinates."""
         move_places(
-            has_carried, self._is_thick, positions, slot, carried, self._points, self._radius, *self._around, hidden,
-            self._depth, self._kinds, self._places, self._outward,
+            has_carried, self._is_thick, positions, slot, self._particle_count, carried, self._points, self._radius,
+            *self._around, hidden, self._depth, self._kinds, self._places, self._outward,
         )  # fmt: skip
         smooth_places(*self._around, hidden, self._depth, self._kinds, self._places, self._outward, self._smooth)
         place_open_vertices(self._place_of, *self._rings, hidden, view, self._smooth, *targets)

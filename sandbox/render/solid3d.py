@@ -102,6 +102,7 @@ class SolidPainter:
             np.concatenate([value_particles(surface.points, appearance), np.zeros_like(corners)]), ti.i32
         )
         self._vertices = [vectors(self._vertex_count + len(corners)) for _ in range(4)]
+        self._particle_count = appearance.particle_count
         self._has_carried = bool(np.any(surface.points >= appearance.particle_count))
         self._carried = vectors(len(appearance.carried_nodes) if self._has_carried else 1)
         if self._has_carried:
@@ -219,8 +220,8 @@ class SolidPainter:
             )
         elif self._vertex_count:
             vertices.place_vertices(
-                self._has_carried, self._tearing.is_possible, self._is_thick, positions, slot, self._carried,
-                self._points, self._vertex_radius, self._ring_start, self._ring, self._ring_triangle,
+                self._has_carried, self._tearing.is_possible, self._is_thick, positions, slot, self._particle_count,
+                self._carried, self._points, self._vertex_radius, self._ring_start, self._ring, self._ring_triangle,
                 self._tearing.hidden, self._view, *self._vertices,
             )  # fmt: skip
         if self._body_round_count:

@@ -16,11 +16,10 @@ def position3(positions: ti.template(), slot, i):
 
 
 @ti.func
-def point3(has_carried: ti.template(), positions: ti.template(), slot, carried: ti.template(), i):
-    """Position of a particle, or of a carried point past the particles [m]."""
+def point3(has_carried: ti.template(), positions: ti.template(), slot, particle_count, carried: ti.template(), i):
+    """Position of a particle, or of a carried point past the particles [m]: the field may have more rows than those."""
     p = vec3(0.0, 0.0, 0.0)
     if ti.static(has_carried):
-        particle_count = ti.cast(positions.shape[1], ti.i32)
         if i < particle_count:
             p = position3(positions, slot, i)
         else:
@@ -48,6 +47,7 @@ def place_vertices(
     is_thick: ti.template(),
     positions: ti.template(),
     slot: ti.i32,
+    particle_count: ti.i32,
     carried: Points,
     points: Ints,
     radius: Floats,
@@ -66,11 +66,11 @@ def place_vertices(
     Where `is_thick`, every vertex lies its `radius` [m] outside of its point.
     """
     for i in range(points.shape[0]):
-        p = point3(has_carried, positions, slot, carried, points[i])
+        p = point3(has_carried, positions, slot, particle_count, carried, points[i])
         n, area, along = vec3(0.0, 0.0, 0.0), 0.0, vec3(0.0, 0.0, 0.0)
         for k in range(ring_start[i], ring_start[i + 1]):
-            one = point3(has_carried, positions, slot, carried, ring[2 * k])
-            two = point3(has_carried, positions, slot, carried, ring[2 * k + 1])
+            one = point3(has_carried, positions, slot, particle_count, carried, ring[2 * k])
+            two = point3(has_carried, positions, slot, particle_count, carried, ring[2 * k + 1])
             face = (one - p).cross(two - p)
             if ti.static(can_tear):
                 if hidden[ring_triangle[k]] != 0:

@@ -10,6 +10,7 @@ from sandbox.errors import SceneError
 from sandbox.scene.attachments import Carried
 from sandbox.scene.lattice import FloatArray, IntArray
 from sandbox.scene.model import (
+    Action,
     Breeze,
     Cut,
     Grab,
@@ -87,6 +88,16 @@ def most_at_once(spans: Sequence[Grab | Push | Shake]) -> int:
         now += change
         most = max(most, now)
     return most
+
+
+def room_left(live: Scene, actions: Sequence[Action]) -> Interaction:
+    """What is left of a live scene's room where these actions of its recording are in the scene from the start.
+
+    Together they have room for just as much as was there live, so that the same code is compiled for both.
+    """
+    room, taken = ActionPlan.of(live), ActionPlan.of(live.model_copy(update={"actions": actions, "interaction": None}))
+    names = ("grips", "pushes", "shakes")
+    return Interaction(**{name: max(0, getattr(room, name) - getattr(taken, name)) for name in names})
 
 
 _PARKED = 60.0

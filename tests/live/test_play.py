@@ -10,6 +10,7 @@ import tomllib
 
 import numpy as np
 import pytest
+import tomli_w
 from PIL import ImageGrab, features
 
 from sandbox import runtime
@@ -117,6 +118,32 @@ def test_what_a_mouse_did_runs_again_to_the_same_bits(play, jelly_file, tmp_path
         )
         assert done.returncode == 0, done.stderr
         assert json.loads(done.stdout)["state_sha256"] == recording["recording"]["state_sha256"]
+
+
+SPRINGS = {"stiffness": 1e3, "mass": 0.1}
+BARE = {
+    "rope": {"kind": "rope", "from": [0, 1, 0], "to": [1, 1, 0], "segments": 9},
+    "point": {"kind": "custom", "points": [[0, 1, 0]], "masses": [1]},
+    "ring": {"kind": "ring", "radius": 0.4, "segments": 13},
+    "late": {"kind": "ball", "radius": 0.4, "cells": 3},
+}
+"""All that a scene has: some have no surface, some lie in the plane, one enters later."""
+
+
+@pytest.mark.parametrize("name", BARE)
+def test_a_window_opens_on_any_scene(play, tmp_path, name):
+    dimension = 3 if name in ("rope", "point") else 2
+    body = {"name": name, "shape": BARE[name], "position": [0, 1, 0][:dimension]}
+    scene = {
+        "dimension": dimension,
+        "bodies": [body if name == "point" else body | {"material": SPRINGS}],
+        "colliders": [{"kind": "half_space", "point": [0, 0, 0][:dimension], "normal": [0, 1, 0][:dimension]}],
+        "actions": [{"kind": "spawn", "time": 0.5, "body": "late"}] if name == "late" else [],
+    }
+    (tmp_path / "bare.toml").write_text(tomli_w.dumps(scene), encoding="utf-8")
+    process, _ = play(tmp_path / "bare.toml", "--size", "320x200", "--seconds", "1")
+    _, errors = process.communicate(timeout=LONGEST)
+    assert (process.returncode, errors) == (0, "")
 
 
 @pytest.mark.parametrize("end", ["interrupt", "crash"])

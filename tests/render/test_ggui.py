@@ -12,13 +12,14 @@ import taichi as ti
 
 from sandbox import load_scene
 from sandbox.render import RendererName, create_renderer
+from sandbox.render.ggui.messages import Frame
 from sandbox.render.ggui.process import DriverError
 from sandbox.render.ggui.renderer import GguiRenderer, RendererWarning
 from sandbox.render.ggui.rounds import capsule_pattern, stadium_pattern
 from sandbox.render.ggui.shared import SharedArrays
 from sandbox.render.software import SoftwareRenderer
 from sandbox.scene.assemble import assemble
-from sandbox.scene.model import ColorBy, Render
+from sandbox.scene.model import ColorBy, Interaction, Render
 
 SIZE = (480, 270)
 
@@ -120,6 +121,27 @@ def test_what_has_torn_is_not_drawn(both, dimension):
     own = [np.count_nonzero(silhouette(picture)) for picture in both(scene, torn=torn)]
     assert own[1] < 0.8 * whole[1]
     assert abs(own[0] - own[1]) < 0.02 * whole[0]
+
+
+def test_a_rope_parts_where_nothing_has_a_surface(both):
+    """What can be cut live tears: of a rope there are capsules to hide, but no triangles."""
+    scene = load_scene("rope").model_copy(update={"interaction": Interaction(), "colliders": ()})
+    torn = ti.field(ti.i32, assemble(scene).spring_count)
+    whole = [np.count_nonzero(silhouette(picture)) for picture in both(scene, torn=torn)]
+    torn.from_numpy((2 * np.arange(torn.shape[0]) < torn.shape[0]).astype(np.int32))
+    parted = [np.count_nonzero(silhouette(picture)) for picture in both(scene, torn=torn)]
+    for before, after in zip(whole, parted, strict=True):
+        assert 0.3 * before < after < 0.7 * before
+    assert abs(parted[0] / whole[0] - parted[1] / whole[1]) < 0.1
+
+
+def test_the_driver_is_not_blamed_for_what_it_did_not_do(driver, make_appearance):
+    points = make_appearance(spheres=[0], sphere_radius=[0.1], sphere_body=[0])
+    renderer = GguiRenderer(points, Render(size=(32, 32)))
+    assert renderer._process is not None
+    with pytest.raises(DriverError, match=r"^the picture could not be drawn \(IndexError: .*\)$"):
+        renderer._process.ask(Frame(time=0.0, slot=7))
+    renderer.close()
 
 
 def test_a_driver_that_dies_leaves_the_rest_to_the_software_renderer(driver, cube, make_appearance, make_field):

@@ -41,15 +41,27 @@ def _serve(requests: Any, answers: Any) -> None:
         from sandbox.render.ggui.stage import Stage
 
         stage = Stage(task, SharedArrays(task.layout))
-    except Exception as error:
+    except RuntimeError as error:  # Taichi's, where it finds no driver
         send(Refused(" ".join(str(error).split()) or type(error).__name__))
+        return
+    except Exception as error:
+        send(_failed(error))
         return
     send(Ready())
     try:
         while True:
             send(stage.draw(pickle.load(requests)))
-    except EOFError:
+    except (EOFError, BrokenPipeError):
         stage.close()
+    except Exception as error:
+        traceback.print_exc()
+        send(_failed(error))
+
+
+def _failed(error: Exception) -> Any:
+    from sandbox.render.ggui.messages import Failed
+
+    return Failed(f"{type(error).__name__}: {' '.join(str(error).split())}")
 
 
 if __name__ == "__main__":

@@ -104,3 +104,10 @@ class Refused:
     """The first answer where there is none."""
 
     reason: str
+
+
+@dataclass(frozen=True)
+class Failed:
+    """The last answer where something went wrong in the drawing itself."""
+
+    reason: str

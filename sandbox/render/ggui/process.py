@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from sandbox.errors import SandboxError
-from sandbox.render.ggui.messages import Frame, Ready, Refused, Task
+from sandbox.render.ggui.messages import Failed, Frame, Ready, Refused, Task
 from sandbox.render.ggui.shared import SharedArrays
 
 START_SECONDS = 90.0
@@ -89,6 +89,8 @@ class DrawingProcess:
             raise DriverError(f"the Vulkan driver has not drawn for {seconds:g} s") from None
         if answer is _GONE:
             raise self._death()
+        if isinstance(answer, Failed):
+            raise DriverError(f"the picture could not be drawn ({answer.reason})")
         return answer
 
     def close(self) -> None:

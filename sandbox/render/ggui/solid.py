@@ -7,7 +7,7 @@ import taichi as ti
 
 from sandbox import runtime
 from sandbox.render import palette, vertices
-from sandbox.render.arrays import upload, vectors
+from sandbox.render.arrays import refill, upload, vectors
 from sandbox.render.camera import PinholeCamera
 from sandbox.render.ggui import lighting
 from sandbox.render.ggui.rounds import capsule_pattern
@@ -96,6 +96,7 @@ class SolidScenery:
         shown = value_particles(surface.points, appearance)
         self._value_of = upload(np.concatenate([shown, np.zeros(solids.corner_count, dtype=np.int32)]), ti.i32)
         self._places = [vectors(self._surface_count) for _ in range(4)]
+        self._particle_count = appearance.particle_count
         self._has_carried = bool(np.any(surface.points >= appearance.particle_count))
         self._carried = vectors(len(appearance.carried_nodes) if self._has_carried else 1)
         if self._has_carried:
@@ -183,9 +184,9 @@ class SolidScenery:
             )
         elif self._skin_count:
             vertices.place_vertices(
-                self._has_carried, self._can_tear, self._is_thick, self._positions, 0, self._carried, self._points,
-                self._radius, self._ring_start, self._ring, self._ring_triangle, self._hidden, self._view,
-                *self._places,
+                self._has_carried, self._can_tear, self._is_thick, self._positions, 0, self._particle_count,
+                self._carried, self._points, self._radius, self._ring_start, self._ring, self._ring_triangle,
+                self._hidden, self._view, *self._places,
             )  # fmt: skip
         if self._body_round_count:
             vertices.place_rounds(self._positions, 0, self._placed_ends, *self._rounds)
@@ -222,7 +223,7 @@ class SolidScenery:
         # Rims and other sides of sheets come after; those do not tear.
         surface = np.zeros(len(self._skin_triangles), dtype=np.int32)
         surface[:triangle_count] = hidden[:triangle_count]
-        self._hidden.from_numpy(surface)
+        refill(self._hidden, surface)
         rods = np.repeat(hidden[len(hidden) - capsule_count :] != 0, len(self._pattern.triangles))
         indices = self._whole.copy()
         rod_start = len(surface) + self._solids.corner_count // 3
