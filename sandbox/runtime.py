@@ -106,6 +106,11 @@ def fields_builder() -> ti.FieldsBuilder:
     return ti.FieldsBuilder()
 
 
+def packs_fields() -> bool:
+    """True where Taichi lays fields of a tree end to end, whatever alignment their types need."""
+    return settings().arch == "vulkan"
+
+
 def real() -> Any:
     """Taichi's scalar type of the current precision."""
     return ti.f64 if settings().precision == "f64" else ti.f32
