@@ -9,7 +9,9 @@ import contextlib
 import gc
 import io
 import os
+import sys
 import weakref
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -19,6 +21,8 @@ from sandbox.compiling import quicken
 from sandbox.errors import RuntimeUnavailableError
 
 ARCHITECTURES = ("cpu", "cuda", "vulkan", "metal")
+_OF_MANY_KINDS = ("vulkan", "metal")
+"""What these run on may lack what every CPU and CUDA device has."""
 # These variables would silently overrule what start() is asked for.
 _OVERRULING = ("TI_ARCH", "TI_DEFAULT_FP", "TI_CPU_MAX_NUM_THREADS", "TI_FAST_MATH")
 
@@ -60,6 +64,9 @@ def start(arch: str = "cpu", precision: str = "f32", threads: int | None = None,
     quicken()
     _stop()
     _initialise(wanted)
+    if wanted.arch in _OF_MANY_KINDS and not _has_doubles():
+        ti.reset()
+        raise RuntimeUnavailableError(f"arch {wanted.arch!r}: the device has no numbers of 64 bits; use --arch cpu")
     _current = wanted
 
 
@@ -106,6 +113,16 @@ def fields_builder() -> ti.FieldsBuilder:
     return ti.FieldsBuilder()
 
 
+def packs_fields() -> bool:
+    """True where Taichi lays fields of a tree end to end, whatever alignment their types need."""
+    return settings().arch == "vulkan"
+
+
+def lacks_functions() -> bool:
+    """True where the device has sines, logarithms and the like for numbers of 32 bits alone, and 64 are wanted."""
+    return settings().arch == "vulkan" and settings().precision == "f64"
+
+
 def real() -> Any:
     """Taichi's scalar type of the current precision."""
     return ti.f64 if settings().precision == "f64" else ti.f32
@@ -133,12 +150,40 @@ def _check(wanted: Settings) -> None:
         raise RuntimeUnavailableError(f"threads {wanted.threads}: at most {most} on this machine")
     if not wanted.verbose:
         ti.set_logging_level(ti.ERROR)
-    if wanted.arch == "metal" and wanted.precision == "f64":
-        raise RuntimeUnavailableError("precision f64: metal has no double precision; use f32 or --arch cpu")
-    if wanted.arch != "cpu" and not ti.lang.misc.is_arch_supported(getattr(ti, wanted.arch)):
+    with contextlib.nullcontext() if wanted.verbose or wanted.arch == "cpu" else _muted():
+        available = wanted.arch == "cpu" or ti.lang.misc.is_arch_supported(getattr(ti, wanted.arch))
+    if not available:
         raise RuntimeUnavailableError(
             f"arch {wanted.arch!r}: not available on this machine (no device or no driver); use --arch cpu"
         )
+
+
+@contextlib.contextmanager
+def _muted() -> Iterator[None]:
+    """Nothing on standard error, where what is not Python says things of its own that no log level stops."""
+    sys.stderr.flush()
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
+
+
+@ti.kernel
+def _half(number: ti.f64) -> ti.f64:
+    return 0.5 * number
+
+
+def _has_doubles() -> bool:
+    """Whether kernels may hold numbers of 64 bits: sums do in any precision, and so does all that goes to the host."""
+    try:
+        with _muted():
+            return bool(_half(3.0) == 1.5)
+    except RuntimeError:
+        return False
 
 
 def _initialise(wanted: Settings) -> None:

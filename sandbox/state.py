@@ -5,6 +5,8 @@ so that every particle gathers from the same instant; one more slot keeps the la
 schemes of several stages have more of them.
 """
 
+import math
+
 import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
@@ -23,9 +25,21 @@ FIRST_STAGE_SLOT = 3
 
 
 def place(builder: ti.FieldsBuilder, field: ti.Field, *shape: int) -> ti.Field:
-    """Put ``field`` into the simulation's tree with the given shape (no axis shorter than 1)."""
+    """Put ``field`` into the simulation's tree with the given shape (no axis shorter than 1).
+
+    Where Taichi packs fields without gaps, one of an odd number of 32-bit words gets a word more. Otherwise fields of
+    64 bits could begin in the middle of 8 bytes, and would be read and written one word too early: over a neighbour.
+    """
     axes = [ti.i, ti.ij, ti.ijk][len(shape) - 1]
-    builder.dense(axes, [max(1, n) for n in shape]).place(field)
+    sizes = [max(1, n) for n in shape]
+    if runtime.packs_fields() and len(field.vars) * math.prod(sizes) % 2 == 1:
+        # A cell of the field and the gap, so that the field's own shape is what was asked for.
+        padded = builder.dense(axes, [1] * len(shape))
+        padded.dense(axes, sizes).place(field)
+        if field.dtype not in (ti.f64, ti.i64, ti.u64):
+            padded.dense(ti.i, 1).place(ti.field(ti.i32))
+    else:
+        builder.dense(axes, sizes).place(field)
     return field
 
 

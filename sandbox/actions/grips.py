@@ -1,7 +1,6 @@
 """Hands: damped springs that lead some particles to a place that moves, each with at most its share of a force."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -51,7 +50,7 @@ class Grips:
         self.vector = runtime.vector(state.dimension)
         self.matrix = ti.types.matrix(state.dimension, state.dimension, runtime.real())
         # Time grows without bound, and what counts is a small part of it.
-        self.exact: Any = ti.f64 if runtime.settings().arch in ("cpu", "cuda") else runtime.real()
+        self.exact = ti.f64
         self.stiffness = place(builder, ti.field(self.real), count, state.count)
         self.damping = place(builder, ti.field(self.real), count, state.count)
         self.offset = place(builder, self.vector.field(), count, state.count)

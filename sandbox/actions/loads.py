@@ -1,13 +1,12 @@
 """Forces from outside that last for a time: pushes on some particles, and ground that shakes."""
 
 import math
-from typing import Any
 
 import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from sandbox import runtime
+from sandbox import functions, runtime
 from sandbox.state import ParticleState, place
 
 FloatArray = NDArray[np.float64]
@@ -32,7 +31,7 @@ class Loads:
         self.shakes = shakes
         self.vector = runtime.vector(state.dimension)
         self.real = runtime.real()
-        self.exact: Any = ti.f64 if runtime.settings().arch in ("cpu", "cuda") else runtime.real()
+        self.exact = ti.f64
         if pushes:
             self.push = place(builder, self.vector.field(), state.count)
             """[N]"""
@@ -135,7 +134,7 @@ class Loads:
             for row in range(self.shakes):
                 turns = (ti.cast(time, self.exact) - self.clock[row, 0]) * self.clock[row, 1]
                 turns = turns - ti.floor(turns)
-                wave = ti.sin(ti.cast(2.0 * math.pi * turns, self.real))
+                wave = functions.sin(ti.cast(2.0 * math.pi * turns, self.real))
                 self.quake[row] = wave * self.peak[row]
 
     @ti.func

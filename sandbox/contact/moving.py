@@ -1,12 +1,11 @@
 """Motion by keyframes on the device: poses of moving colliders every substep, and particles that they carry."""
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import taichi as ti
 
-from sandbox import runtime
+from sandbox import functions, runtime
 from sandbox.scene.assemble import Assembly
 from sandbox.scene.attachments import Carried
 from sandbox.scene.motion import Motion
@@ -42,7 +41,7 @@ class Motions:
         self.angles = 1 if self.dimension == 2 else 3
         # Time and angle grow without bound, and what counts is a small part of them.
         self.real = runtime.real()
-        self.exact: Any = ti.f64 if runtime.settings().arch in ("cpu", "cuda") else runtime.real()
+        self.exact = ti.f64
         keys = sum(len(motion.times) for motion in self.motions)
         self.first = place(builder, ti.field(ti.i32), self.count + 1)
         self.smooth = place(builder, ti.field(ti.i32), self.count)
@@ -139,7 +138,7 @@ class Motions:
     @ti.func
     def _rotate(self, moment, row, angle, rate):
         """Rotation matrix and angular velocity [rad/s] from angles [rad] and their rates."""
-        c, s = ti.cos(angle), ti.sin(angle)
+        c, s = functions.cos(angle), functions.sin(angle)
         if ti.static(self.dimension == 2):
             self.turn[moment, row] = ti.Matrix([[c[0], -s[0]], [s[0], c[0]]])
             self.spin[moment, row] = rate

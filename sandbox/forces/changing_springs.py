@@ -8,7 +8,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from sandbox import runtime
+from sandbox import functions, runtime
 from sandbox.forces.spring_rows import SpringRows, arrange
 from sandbox.forces.springs import _TINY, Springs
 from sandbox.forces.tears import Tears
@@ -142,7 +142,7 @@ class ChangingSprings(Springs):
         if ti.static(self.tension_only):
             excess = ti.select(stretch > 0.0, excess, 0.0)
         if excess > 0.0:
-            flow = excess * (1.0 - ti.exp(-self.creep[h] * dt))
+            flow = excess * (1.0 - functions.exp(-self.creep[h] * dt))
             most = self.max_plastic[h] * original
             flowed = ti.max(original - most, ti.min(original + most, rest + ti.select(stretch > 0.0, flow, -flow)))
             self.rest_length[h] = flowed

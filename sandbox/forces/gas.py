@@ -17,7 +17,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from sandbox import runtime
+from sandbox import functions, runtime
 from sandbox.scene.surfaces import GAS_CONSTANT, Gas
 from sandbox.state import place
 
@@ -34,11 +34,6 @@ _ORIFICE = DISCHARGE * (2.0 / MOLAR_MASS) ** 0.5
 _MOST_GAUGE = 1e30
 
 
-def fine_type():
-    """Type of volumes and amounts, which change by far less in a step than f32 resolves; metal has nothing better."""
-    return ti.f32 if runtime.settings().arch == "metal" else ti.f64
-
-
 @ti.data_oriented
 class GasAmounts:
     """The gas of G bodies, with P pumps. What the scene lacks (leaks, pumps) is not compiled."""
@@ -47,7 +42,8 @@ class GasAmounts:
         self.gases = tuple(gases)
         self.count = len(self.gases)
         self.real = runtime.real()
-        self.fine = fine_type()
+        self.fine = ti.f64
+        """Of volumes and amounts, which change by far less in a step than f32 resolves."""
         self.leaks = any(gas.leak > 0.0 for gas in gases)
         self.pump_count = sum(len(gas.pumps) for gas in gases)
         self.pumped = self.pump_count > 0
@@ -110,7 +106,7 @@ class GasAmounts:
     @ti.func
     def _logarithm(self, u):
         """ln(1 + u) and u - ln(1 + u), both to rounding for u near 0: ln(1 + u) = 2 artanh(u / (2 + u))."""
-        log = ti.cast(ti.log(ti.cast(ti.max(1.0 + u, LEAST_VOLUME), self.real)), self.fine)
+        log = ti.cast(functions.log(ti.cast(ti.max(1.0 + u, LEAST_VOLUME), self.real)), self.fine)
         rest = u - log
         if ti.abs(u) < 0.1:
             s = u / (2.0 + u)
@@ -151,7 +147,7 @@ class GasAmounts:
         """1 - exp(-x), also for x far below the resolution of 1."""
         share = x * (1.0 - x * (1.0 - x / 3.0) / 2.0)
         if x > 1e-3:
-            share = ti.cast(1.0 - ti.exp(-ti.cast(x, self.real)), self.fine)
+            share = ti.cast(1.0 - functions.exp(-ti.cast(x, self.real)), self.fine)
         return share
 
     @ti.func

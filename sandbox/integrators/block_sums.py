@@ -2,7 +2,6 @@
 
 import taichi as ti
 
-from sandbox import runtime
 from sandbox.state import SLICE, place
 
 BLOCK = 16 * SLICE
@@ -11,12 +10,12 @@ BLOCK = 16 * SLICE
 
 @ti.data_oriented
 class BlockSums:
-    """Several sums at once, in double precision where the device has it; a block belongs to one thread."""
+    """Several sums at once, in double precision; a block belongs to one thread."""
 
     def __init__(self, builder: ti.FieldsBuilder, particle_count: int, columns: int) -> None:
         self.count = particle_count
         self.blocks = -(-particle_count // BLOCK)
-        self.fine = fine_type()
+        self.fine = ti.f64
         self.table = place(builder, ti.field(self.fine), self.blocks, columns)
 
     @ti.func
@@ -59,8 +58,3 @@ class BlockSums:
         for block in range(self.blocks):
             value = ti.min(value, self.table[block, column])
         return value
-
-
-def fine_type():
-    """Type of sums; metal has nothing better than f32."""
-    return ti.f32 if runtime.settings().arch == "metal" else ti.f64

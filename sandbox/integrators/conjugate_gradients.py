@@ -16,7 +16,7 @@ import numpy as np
 import taichi as ti
 
 from sandbox import runtime
-from sandbox.integrators.block_sums import BlockSums, fine_type
+from sandbox.integrators.block_sums import BlockSums
 from sandbox.state import ParticleState, place
 
 FALL, SIZE = 0, 1
@@ -59,7 +59,7 @@ class ConjugateGradients:
         self.inertia = place(builder, ti.field(self.real), state.count)
         """Mean of A's diagonal at every particle: what it takes to move it alone [kg]."""
         self.sums = BlockSums(builder, state.count, 2)
-        fine = fine_type()
+        fine = self.sums.fine
         self.fall, self.size, self.noise, self.alpha, self.beta = (place(builder, ti.field(fine), 1) for _ in range(5))
         self.goal, self.ratio, self.enough, self.least = (place(builder, ti.field(fine), 1) for _ in range(4))
         self.count = place(builder, ti.field(ti.i32), 1)

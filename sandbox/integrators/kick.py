@@ -4,6 +4,8 @@ import math
 
 import taichi as ti
 
+from sandbox import functions
+
 
 @ti.data_oriented
 class PlainKick:
@@ -46,7 +48,7 @@ class DragKick:
         # -log(decay) / (1 - decay), by its series where the difference from 1 is small.
         ratio = 1.0 + lost * (1.0 / 2.0 + lost * (1.0 / 3.0 + lost * (1.0 / 4.0 + lost / 5.0)))
         if lost > 0.01:
-            ratio = -ti.log(decay) / lost
+            ratio = -functions.log(decay) / lost
         return gain * ratio
 
 

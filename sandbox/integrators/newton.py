@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from sandbox.integrators.block_sums import fine_type
 from sandbox.integrators.conjugate_gradients import ConjugateGradients
 from sandbox.state import place
 
@@ -60,7 +59,7 @@ class Newton:
         self.bounded = [law for law in laws if hasattr(law, "is_outside")]
         self.most = most
         self.tolerance2 = tolerance**2
-        fine = fine_type()
+        fine = linear.sums.fine
         self.way, self.steepness, self.low, self.rise = (place(builder, ti.field(fine), 1) for _ in range(4))
         """Part of the direction gone; slope at its start; the last part after which it was positive, and it there."""
         self.residual, self.impulse, self.before = (place(builder, ti.field(fine), 1) for _ in range(3))

@@ -15,7 +15,6 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from sandbox.group_blocks import GroupBlocks, GroupFields
-from sandbox.integrators.block_sums import fine_type
 from sandbox.integrators.descent import Descent
 from sandbox.integrators.small_systems import factorised, solved
 from sandbox.scene.assemble import Assembly
@@ -59,12 +58,12 @@ class RigidMotion:
         self.drag = drag
         self.dimension = state.dimension
         blocks, groups = self.blocks.block_count, self.blocks.group_count
-        fine = fine_type()
+        fine = ti.f64
         self.spins = 1 if state.dimension == 2 else 3
         self.line = ti.types.vector(state.dimension, fine)
         self.turn = ti.types.vector(self.spins, fine)
         self.tensor = ti.types.matrix(self.spins, self.spins, fine)
-        self.rounding = 1e-12 if fine == ti.f64 else 1e-6
+        self.rounding = 1e-12
         self.mass = place(builder, ti.field(fine), groups)
         # Sums over blocks: m x, r, x cross r, inertia, about the group's first particle; and who was touched.
         self.weighed, self.lacking = (place(builder, self.line.field(), blocks) for _ in range(2))
