@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 from sandbox import load_scene
+from sandbox.output.folder import RunFolder
+from tests.conftest import left_in
 
 SMALL = ("--seconds", "0.2", "--size", "320x180")
 
@@ -22,7 +24,7 @@ def test_run_leaves_the_whole_folder(run_cli, tmp_path):
     summary = json.loads(printed)
     assert summary["status"] == "done" and summary["simulated"] == pytest.approx(0.2)
     expected = {"video.mp4", "poster.png", "metrics.csv", "summary.json", "scene.toml", "checkpoint.npz"}
-    assert {entry.name for entry in out.iterdir()} == expected == set(summary["files"])
+    assert left_in(out) == expected == set(summary["files"])
     frames = iio.imread(out / "video.mp4")
     assert frames.shape == (6, 180, 320, 3)
     meta = iio.immeta(out / "video.mp4")
@@ -81,11 +83,13 @@ def test_a_blow_up_is_exit_code_3_and_loses_nothing(run_cli, tmp_path):
 @pytest.mark.parametrize("kind", ["webm", "gif", "png", "none"])
 def test_other_kinds_of_video(run_cli, tmp_path, kind):
     arguments = ("run", "drop_2d", "--seconds", "0.1", "--size", "320x180", "--quiet", "--video", kind)
-    (tmp_path / "video.mp4").write_text("of an earlier run")
+    earlier = RunFolder(tmp_path)
+    earlier.write_text("video.mp4", "of an earlier run")
+    earlier.publish()
     (tmp_path / "notes.txt").write_text("mine")
     code, _, _ = run_cli(*arguments, "--out", tmp_path)
     assert code == 0
-    names = {entry.name for entry in tmp_path.iterdir()}
+    names = left_in(tmp_path)
     assert "video.mp4" not in names and "notes.txt" in names
     if kind == "png":
         assert len(list((tmp_path / "frames").iterdir())) == 3
