@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from sandbox import SceneError, json_schema, load_scene, preset_paths, to_toml
 from sandbox.scene.assemble import assemble
-from sandbox.scene.load import parse_assignment, scene_from_data
+from sandbox.scene.load import scene_from_data
+from sandbox.scene.overrides import parse_assignment
 
 VALID = {
     "dimension": 2,

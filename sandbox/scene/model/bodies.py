@@ -4,6 +4,7 @@ from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from sandbox.scene.model.base import (
+    COLOR_HELP,
     ROTATION_HELP,
     Color,
     Flag,
@@ -112,7 +113,7 @@ class Body(Model):
     wind: Flag | None = Field(
         None, description="whether wind blows on its faces; by default on sheets, shells, rings and 2D ropes"
     )
-    color: Color | None = Field(None, description="colour as #rrggbb; by default from a palette")
+    color: Color | None = Field(None, description=COLOR_HELP + "; by default from a palette")
     material: Material = Material()
     pin: Pin | None = Field(None, description="particles that never move")
 
