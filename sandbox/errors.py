@@ -1,6 +1,7 @@
 """Errors that a user can meet. Each message is one line: where, what, what to do."""
 
 import difflib
+import sys
 from collections.abc import Iterable
 
 
@@ -12,6 +13,12 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     # With a smaller share of common letters words merely have some of them, such as tension and dimension.
     near += difflib.get_close_matches(word, names, n=1, cutoff=0.75 if len(word) < 5 else 0.8)
     return f"; did you mean {names[near[0]]}?" if near else ""
+
+
+def missing_extra(what: str, package: str, extra: str) -> str:
+    """That something needs a package of an extra, and how to get it: as a user, and in a checkout."""
+    checkout = f"{sys.executable} -m pip install '.[{extra}]'"
+    return f"{what} needs {package}: pip install 'softbody-sandbox[{extra}]' (in a checkout: {checkout})"
 
 
 class SandboxError(Exception):

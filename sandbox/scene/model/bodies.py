@@ -25,7 +25,8 @@ class Material(Model):
 
     stiffness: Positive | None = Field(None, description="stiffness k of every spring [N/m]")
     youngs_modulus: Positive | None = Field(
-        None, description="Young's modulus E [Pa]; refining the body does not change how stiff it is"
+        None,
+        description="Young's modulus E [Pa]; refining the body changes its stiffness in bending only, by about 1/n^2",
     )
     damping: NonNegative | None = Field(None, description="damping c of every spring [N s/m]")
     damping_ratio: NonNegative | None = Field(
