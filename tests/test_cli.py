@@ -9,8 +9,9 @@ from pathlib import Path
 import imageio.v3 as iio
 import numpy as np
 import pytest
+import typer
 
-from sandbox import load_scene
+from sandbox import cli, load_scene
 from sandbox.output.folder import RunFolder
 from tests.conftest import left_in
 
@@ -169,6 +170,29 @@ def test_validate_and_schema_and_help(run_cli):
     for arguments in ((), ("--help",), ("run", "--help"), ("--version",)):
         code, printed, _ = run_cli(*arguments)
         assert code == 0 and printed.strip()
+
+
+def test_help_says_all_that_it_has_to_say(run_cli, monkeypatch):
+    """Units in brackets are no markup, for any command and option."""
+    monkeypatch.setenv("COLUMNS", "100")
+    group = typer.main.get_command(cli.app)
+    brackets = 0
+    for name, command in group.commands.items():
+        code, printed, _ = run_cli(name, "--help")
+        said = "".join(printed.split())
+        assert code == 0
+        for parameter in command.params:
+            if parameter.name != "help":
+                assert "".join((parameter.help or "").split()) in said, (name, parameter.name)
+                brackets += "[" in (parameter.help or "")
+    assert brackets > 5
+
+
+def test_titles_are_no_markup(run_cli, tmp_path):
+    title = "a [bold] ride [/] for all [s]"
+    arguments = ("drop_2d", "--set", f"title={title}", "--set", "duration=0.04")
+    code, _, errors = run_cli("run", *arguments, "--renderer", "none", "--out", tmp_path / "run")
+    assert code == 0 and "[bold]" in errors and "[/]" in errors
 
 
 def test_as_a_program_nothing_but_the_summary_is_on_standard_output(tmp_path):

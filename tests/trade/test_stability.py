@@ -72,7 +72,7 @@ def test_the_map_s_boundary_is_where_disturbances_begin_to_grow(tmp_path, monkey
     with (tmp_path / "map.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == len(points) and {"dt", "predicted", "growth", "stable"} <= set(rows[0])
-    stability_map.draw(points, tmp_path / "map.png", "square")
+    stability_map.draw(points, tmp_path / "map.png", r"no formula: $\frac$")
     import imageio.v3 as iio
 
     assert np.ptp(iio.imread(tmp_path / "map.png")) > 100
