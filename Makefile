@@ -28,6 +28,7 @@ bench: $(VENV)/.installed-dev
 	$(BIN)/python benchmarks/parts.py
 	$(BIN)/python benchmarks/ladder.py
 	$(BIN)/python benchmarks/tune.py
+	$(BIN)/python benchmarks/refinement.py
 
 clean:
 	rm -rf $(VENV) outputs

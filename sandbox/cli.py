@@ -17,6 +17,7 @@ from sandbox.cli_options import (
     SetOption,
     WithOption,
     act_on,
+    contents,
     ending,
     load,
     names,
@@ -37,6 +38,8 @@ app = typer.Typer(
     help="A real-time soft-body sandbox: scenes in, videos and numbers out.",
     add_completion=False,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # units in brackets are no markup
+    context_settings={"max_content_width": 120},
 )
 
 
@@ -120,13 +123,15 @@ def scenes(json_: JsonOption = False) -> None:
         typer.echo(json.dumps(rows, indent=2))
         return
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False)
     for column in ("name", "title", "particles", "springs", "physics"):
         table.add_column(column, justify="right" if column in ("particles", "springs") else "left")
     for row in rows:
-        table.add_row(row["name"], row["title"], str(row["particles"]), str(row["springs"]), ", ".join(row["physics"]))
+        words = (row["name"], row["title"], str(row["particles"]), str(row["springs"]), ", ".join(row["physics"]))
+        table.add_row(*map(escape, words))
     Console().print(table)
 
 
@@ -170,7 +175,7 @@ def stability(
         typer.echo((folder / "stability.json").read_text(encoding="utf-8"), nl=False)
         return
     _print_stable_steps(rows)
-    typer.echo(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
+    typer.echo(f"{folder}: {contents(folder)}")
 
 
 def _print_stable_steps(rows: Any) -> None:

@@ -8,8 +8,9 @@ import typer
 
 from sandbox.cli_options import SetOption, WithOption, ending, load, picture_size, tell
 from sandbox.errors import SandboxError, SceneError
-from sandbox.scene.load import parse_assignment, preset_paths
+from sandbox.scene.load import preset_paths
 from sandbox.scene.model import Scene
+from sandbox.scene.overrides import parse_assignment
 
 RunArgument = Annotated[str, typer.Argument(metavar="RUNFOLDER", help="A run folder with a trajectory, or that file.")]
 TrajectoryOption = Annotated[

@@ -10,8 +10,9 @@ from typing import Annotated, Any, TypeVar
 import typer
 
 from sandbox.errors import DivergedError, SandboxError, SceneError
-from sandbox.scene.load import find_scene, lay_over, parse_assignment, read_toml, scene_from_data
+from sandbox.scene.load import find_scene, lay_over, read_toml, scene_from_data
 from sandbox.scene.model import Scene
+from sandbox.scene.overrides import parse_assignment
 from sandbox.warning_log import WARNING
 
 SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="A preset's name, or a path to a TOML file.")]
@@ -111,6 +112,11 @@ def act_on(scene: Scene, file: Path, seconds: float | None) -> tuple[Scene, Any]
     if seconds is not None:
         acted = acted.model_copy(update={"duration": seconds})
     return acted, actions.recording
+
+
+def contents(folder: Path) -> str:
+    """What can be seen in a folder, for the last line of a command."""
+    return ", ".join(sorted(path.name for path in folder.iterdir() if not path.name.startswith(".")))
 
 
 def picture_size(text: str) -> list[int]:

@@ -8,7 +8,18 @@ from typing import Annotated, Any
 
 import typer
 
-from sandbox.cli_options import JsonOption, SceneArgument, SetOption, WithOption, load, names, naming, numbers, quantity
+from sandbox.cli_options import (
+    JsonOption,
+    SceneArgument,
+    SetOption,
+    WithOption,
+    contents,
+    load,
+    names,
+    naming,
+    numbers,
+    quantity,
+)
 from sandbox.errors import SandboxError, SceneError
 from sandbox.scene.model import IntegratorName, Precision
 
@@ -81,7 +92,7 @@ def measure(
         return
     typer.echo(results.summary(trade))
     print_table(results.COLUMNS, results.table(trade.rows))
-    typer.echo(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
+    typer.echo(f"{folder}: {contents(folder)}")
 
 
 def _measure_models(
@@ -98,7 +109,7 @@ def _measure_models(
     print_table(models.COLUMNS, models.table(trade))
     for line in trade.left_out:
         typer.echo(line)
-    typer.echo(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
+    typer.echo(f"{folder}: {contents(folder)}")
 
 
 def tune(

@@ -1,5 +1,25 @@
 """Errors that a user can meet. Each message is one line: where, what, what to do."""
 
+import difflib
+import sys
+from collections.abc import Iterable
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """``; did you mean NAME?`` where a known name begins so, or is a letter or two away; else nothing."""
+    names = {name.casefold(): name for name in known}
+    word = word.casefold()
+    near = sorted((name for name in names if len(word) > 2 and name.startswith(word)), key=len)
+    # With a smaller share of common letters words merely have some of them, such as tension and dimension.
+    near += difflib.get_close_matches(word, names, n=1, cutoff=0.75 if len(word) < 5 else 0.8)
+    return f"; did you mean {names[near[0]]}?" if near else ""
+
+
+def missing_extra(what: str, package: str, extra: str) -> str:
+    """That something needs a package of an extra, and how to get it: as a user, and in a checkout."""
+    checkout = f"{sys.executable} -m pip install '.[{extra}]'"
+    return f"{what} needs {package}: pip install 'softbody-sandbox[{extra}]' (in a checkout: {checkout})"
+
 
 class SandboxError(Exception):
     """Base of every error that the sandbox raises on purpose; its text is one line."""

@@ -21,7 +21,7 @@ from sandbox.output.folder import RunFolder
 from sandbox.output.inline import InlinePicture, InlineVideo
 from sandbox.output.metrics import MetricsWriter
 from sandbox.output.progress import NoProgress, ProgressReport, Timings
-from sandbox.output.video import PictureWriter, open_writer
+from sandbox.output.video import PictureWriter, open_writer, video_names
 from sandbox.particle_values import ParticleValues
 from sandbox.recording import late_actions
 from sandbox.render import NullRenderer, Renderer, RendererName, create_renderer
@@ -63,6 +63,13 @@ class RunOptions:
     @property
     def folder(self) -> Path:
         return self.out or Path("outputs") / self.name
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Files and folders that a run may leave, mesh files apart."""
+        pictures = () if self.renderer == "none" else ("poster.png", "postmortem.png", *video_names(self.video))
+        states = () if self.trajectory is None else (f"trajectory.{self.trajectory}",)
+        return ("metrics.csv", "summary.json", "scene.toml", "checkpoint.npz", *pictures, *states)
 
 
 @dataclass(frozen=True)
@@ -137,7 +144,7 @@ def run(scene: Scene, options: RunOptions, progress: ProgressReport | None = Non
     """
     check_options(options)
     start = clock.perf_counter()
-    folder = RunFolder(options.folder)
+    folder = RunFolder(options.folder, options.names)
     failure: BaseException | None = None
     with folder.discarded_on_failure():
         recorder = _Recorder(scene, options, folder, start)
@@ -321,8 +328,7 @@ class _Recorder:
             iio.imwrite(self.folder.partial / "poster.png", self.poster)
         self.folder.write_text("scene.toml", to_toml(self.scene))
         self.simulation.save(self.folder.partial / "checkpoint.npz")
-        names = sorted([entry.name for entry in self.folder.partial.iterdir()] + ["summary.json"])
-        summary = self._summary(failure, names)
+        summary = self._summary(failure, sorted([*self.folder.names(), "summary.json"]))
         self.folder.write_json("summary.json", asdict(summary))
         self.folder.publish()
         return summary

@@ -19,10 +19,11 @@ from sandbox.output.folder import RunFolder
 from sandbox.output.frames import Frame
 from sandbox.output.progress import NoProgress, ProgressReport
 from sandbox.output.trajectory import Trajectory
-from sandbox.output.video import open_writer
+from sandbox.output.video import open_writer, video_names
 from sandbox.scene.assemble import Assembly, assemble
 from sandbox.scene.load import scene_from_data, to_toml
 from sandbox.scene.model import ColorBy, Scene
+from sandbox.scene.overrides import dotted, steps
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class RerenderOptions:
 def check_changes(keys: Sequence[str]) -> None:
     """Raise SceneError where a dotted key is more than how a stored run looks."""
     for key in keys:
-        parts = key.replace("[", ".").replace("]", "").split(".")
+        parts = key.split(".")
         looks = parts[0] == "render" and len(parts) > 1
         colors = parts[0] in ("bodies", "colliders") and len(parts) == 3 and parts[2] == "color"
         if not (looks or colors):
@@ -55,8 +56,8 @@ def changed_scene(trajectory: Trajectory, changes: Mapping[str, Any], options: M
 
     Raises SceneError where a change is not one of looks, or would need pictures that were not stored.
     """
-    check_changes([key for key in changes if key not in options])
     data = copy.deepcopy(trajectory.data)
+    check_changes([dotted(steps(data, key)) for key in changes if key not in options])
     scene = scene_from_data(data, changes, source=str(trajectory.path), options=options)
     picture_step(trajectory, scene)
     return scene
@@ -174,7 +175,8 @@ def rerender(
     if _same(options.out, trajectory.path.parent):
         raise SceneError(f"--out {options.out}: is the run itself, which would be lost; choose another folder")
     step = picture_step(trajectory, scene)
-    folder, pace = RunFolder(options.out), _Pace(progress)
+    names = ("poster.png", "scene.toml", *video_names(options.video))
+    folder, pace = RunFolder(options.out, names), _Pace(progress)
     with folder.discarded_on_failure():
         with contextlib.closing(
             StoredPictures(trajectory, scene, options.renderer, options.arch, options.threads)
@@ -227,7 +229,7 @@ def export_stored(
             pace.update(frame.time)
         for writer in writers:
             writer.close()
-        return [name for name in folder.publish(adds=True) if name != "exports.json"]
+        return folder.publish(adds=True)
 
 
 class _Pace:

@@ -2,6 +2,7 @@
 
 import signal
 import sys
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -61,6 +62,11 @@ def simulate():
     yield build
     for simulation in built:
         simulation.suspend()
+
+
+def left_in(folder: Path) -> set[str]:
+    """Names of what a command has left in a folder for its user; the mark is hidden."""
+    return {path.name for path in folder.iterdir() if not path.name.startswith(".")}
 
 
 def heed_interrupts() -> None:

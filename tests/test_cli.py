@@ -9,8 +9,11 @@ from pathlib import Path
 import imageio.v3 as iio
 import numpy as np
 import pytest
+import typer
 
-from sandbox import load_scene
+from sandbox import cli, load_scene
+from sandbox.output.folder import RunFolder
+from tests.conftest import left_in
 
 SMALL = ("--seconds", "0.2", "--size", "320x180")
 
@@ -22,7 +25,7 @@ def test_run_leaves_the_whole_folder(run_cli, tmp_path):
     summary = json.loads(printed)
     assert summary["status"] == "done" and summary["simulated"] == pytest.approx(0.2)
     expected = {"video.mp4", "poster.png", "metrics.csv", "summary.json", "scene.toml", "checkpoint.npz"}
-    assert {entry.name for entry in out.iterdir()} == expected == set(summary["files"])
+    assert left_in(out) == expected == set(summary["files"])
     frames = iio.imread(out / "video.mp4")
     assert frames.shape == (6, 180, 320, 3)
     meta = iio.immeta(out / "video.mp4")
@@ -81,11 +84,13 @@ def test_a_blow_up_is_exit_code_3_and_loses_nothing(run_cli, tmp_path):
 @pytest.mark.parametrize("kind", ["webm", "gif", "png", "none"])
 def test_other_kinds_of_video(run_cli, tmp_path, kind):
     arguments = ("run", "drop_2d", "--seconds", "0.1", "--size", "320x180", "--quiet", "--video", kind)
-    (tmp_path / "video.mp4").write_text("of an earlier run")
+    earlier = RunFolder(tmp_path)
+    earlier.write_text("video.mp4", "of an earlier run")
+    earlier.publish()
     (tmp_path / "notes.txt").write_text("mine")
     code, _, _ = run_cli(*arguments, "--out", tmp_path)
     assert code == 0
-    names = {entry.name for entry in tmp_path.iterdir()}
+    names = left_in(tmp_path)
     assert "video.mp4" not in names and "notes.txt" in names
     if kind == "png":
         assert len(list((tmp_path / "frames").iterdir())) == 3
@@ -165,6 +170,29 @@ def test_validate_and_schema_and_help(run_cli):
     for arguments in ((), ("--help",), ("run", "--help"), ("--version",)):
         code, printed, _ = run_cli(*arguments)
         assert code == 0 and printed.strip()
+
+
+def test_help_says_all_that_it_has_to_say(run_cli, monkeypatch):
+    """Units in brackets are no markup, for any command and option."""
+    monkeypatch.setenv("COLUMNS", "100")
+    group = typer.main.get_command(cli.app)
+    brackets = 0
+    for name, command in group.commands.items():
+        code, printed, _ = run_cli(name, "--help")
+        said = "".join(printed.split())
+        assert code == 0
+        for parameter in command.params:
+            if parameter.name != "help":
+                assert "".join((parameter.help or "").split()) in said, (name, parameter.name)
+                brackets += "[" in (parameter.help or "")
+    assert brackets > 5
+
+
+def test_titles_are_no_markup(run_cli, tmp_path):
+    title = "a [bold] ride [/] for all [s]"
+    arguments = ("drop_2d", "--set", f"title={title}", "--set", "duration=0.04")
+    code, _, errors = run_cli("run", *arguments, "--renderer", "none", "--out", tmp_path / "run")
+    assert code == 0 and "[bold]" in errors and "[/]" in errors
 
 
 def test_as_a_program_nothing_but_the_summary_is_on_standard_output(tmp_path):

@@ -9,42 +9,43 @@ from pathlib import Path
 from typing import Any
 
 from sandbox.errors import SandboxError, SceneError
+from sandbox.output.mark import MARK, Mark, fingerprint, remove
 
 _PREFIX = ".partial-"
-_EXPORTS = "exports.json"
-"""Names the files that belong to a run and are called after its scene."""
-# What a run may leave in its folder; a later run replaces or removes these and touches nothing else.
-_PRODUCTS = (
-    "video.mp4", "video.webm", "video.gif", "frames", "poster.png", "metrics.csv", "summary.json", "scene.toml",
-    "checkpoint.npz", "postmortem.png", "stability.json", "stability_map.csv", "stability_map.png", "trade.csv",
-    "trade.json", "trade.png", "tune.json", "tuned.toml", "models.json",
-    "models.csv", "trajectory.npz", "trajectory.zarr", "exports.json",
-)  # fmt: skip
 
 
 class RunFolder:
     """Collects the files of a run in a hidden folder inside ``path``, and publishes them at the end.
 
     Until ``publish`` the products of an earlier run stay as they were. A killed run leaves only its
-    hidden folder, which the next run of the same folder removes.
+    hidden folder, which the next run of the same folder removes. Only what runs have left is ever
+    replaced or removed: they mark it, see :mod:`sandbox.output.mark`.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, names: Sequence[str] = ()) -> None:
+        """``names`` are those of the files and folders that may come.
+
+        Raises SceneError where one of them is there already and no run has left it, or nothing can be written.
+        """
         self.path = path
-        self._made = not path.exists()
         try:
+            if os.path.lexists(path) and not path.is_dir():
+                raise SceneError(f"{path}: is no folder; choose another --out")
+            self.claim(names)
+            self._made = not path.exists()
             path.mkdir(parents=True, exist_ok=True)
             self._clear_left_over()
             self.partial = path / f"{_PREFIX}{os.getpid()}"
             shutil.rmtree(self.partial, ignore_errors=True)
             self.partial.mkdir()
+            Mark(self.partial, {}).put()
         except OSError as error:
             raise SceneError(f"{path}: cannot be written: {error.strerror or error}") from None
 
     def _clear_left_over(self) -> None:
         for folder in self.path.glob(f"{_PREFIX}*"):
             process = folder.name.removeprefix(_PREFIX)
-            if not (process.isdigit() and _is_running(int(process))):
+            if process.isdigit() and (folder / MARK).is_file() and not _is_running(int(process)):
                 shutil.rmtree(folder, ignore_errors=True)
 
     @contextlib.contextmanager
@@ -68,35 +69,51 @@ class RunFolder:
         self.write_text(name, json.dumps(_finite(data), indent=2, allow_nan=False) + "\n")
 
     def claim(self, names: Sequence[str]) -> None:
-        """Say which files or folders beside the usual ones will come, so that a later run takes them away.
+        """Raise SceneError where one of the files or folders that may come is there, and no run has left it."""
+        Mark.read(self.path).check(names)
 
-        Raises SceneError where something is there already that no run has left.
-        """
-        earlier = exported(self.path)
-        for name in names:
-            if (self.path / name).exists() and name not in earlier:
-                raise SceneError(f"{self.path / name}: is there already, not of an earlier run; choose another --out")
-        self.write_json(_EXPORTS, {"files": [str(name) for name in names]})
+    def names(self) -> list[str]:
+        """Names of what was collected so far, sorted."""
+        return sorted(entry.name for entry in self.partial.iterdir() if entry.name != MARK)
 
     def publish(self, adds: bool = False) -> list[str]:
         """Give all files their final names, take away what an earlier run left, and return the names.
 
-        ``adds`` leaves of the earlier run what is not replaced.
+        ``adds`` leaves of the earlier run what is not replaced. What somebody has put there under one of the names
+        while the run went on stays: the run is then in a folder of its own inside, and a SandboxError names it.
         """
         try:
-            names = sorted(entry.name for entry in self.partial.iterdir())
-            earlier = exported(self.path)
-            if adds and _EXPORTS in names:
-                self.write_json(_EXPORTS, {"files": sorted({*earlier, *exported(self.partial)})})
-            for name in dict.fromkeys([*_PRODUCTS, *earlier]):
-                if (name not in names and not adds) or (name in names and (self.path / name).is_dir()):
-                    _remove(self.path / name)
+            names = self.names()
+            earlier = Mark.read(self.path)
+            earlier.check(names)
+            left = {name: fingerprint(self.partial / name) for name in names}
+            kept = {name: prints for name, prints in earlier.prints.items() if adds and name not in left}
+            # Killed on the way, it leaves a mark that knows the old files and the new ones.
+            there = {name: [fingerprint(self.path / name)] for name in names if os.path.lexists(self.path / name)}
+            both = {name: [*there.get(name, ()), new] for name, new in left.items()}
+            Mark(self.path, {**earlier.prints, **both}).put()
+            for name in earlier.prints:
+                if name not in kept and name not in left and earlier.owns(name):
+                    remove(self.path / name)
             for name in names:
+                if (self.path / name).is_dir():
+                    remove(self.path / name)
                 (self.partial / name).replace(self.path / name)
+            Mark(self.path, {**kept, **{name: [new] for name, new in left.items()}}).put()
+            (self.partial / MARK).unlink()
             self.partial.rmdir()
+        except SceneError as error:
+            raise SandboxError(f"{error}; this run is in {self._set_aside()}") from None
         except OSError as error:
             raise SandboxError(f"{self.path}: cannot be written: {error.strerror or error}") from None
         return names
+
+    def _set_aside(self) -> Path:
+        """Leave what was collected under a name that nobody clears away."""
+        aside = self.path / f"run-{os.getpid()}"
+        while os.path.lexists(aside):
+            aside = aside.with_name(f"{aside.name}_")
+        return self.partial.rename(aside)
 
     def discard(self) -> None:
         """Drop what was collected; an earlier run's files stay."""
@@ -104,22 +121,6 @@ class RunFolder:
         if self._made:
             with contextlib.suppress(OSError):
                 self.path.rmdir()
-
-
-def exported(folder: Path) -> list[str]:
-    """Files and folders of a run beside the usual ones."""
-    try:
-        names = json.loads((folder / _EXPORTS).read_text(encoding="utf-8"))["files"]
-        return [name for name in names if Path(name).name == name and not name.startswith(".")]
-    except (OSError, ValueError, KeyError, TypeError):
-        return []
-
-
-def _remove(path: Path) -> None:
-    if path.is_dir():
-        shutil.rmtree(path)
-    else:
-        path.unlink(missing_ok=True)
 
 
 def _is_running(process: int) -> bool:

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from sandbox.errors import SceneError
+from sandbox.errors import SceneError, missing_extra
 
 Array = NDArray[Any]
 Layout = Mapping[str, tuple[Any, tuple[int, ...]]]
@@ -64,7 +64,7 @@ def zarr_module() -> Any:
     try:
         import zarr
     except ImportError:
-        raise SceneError("--trajectory zarr needs zarr: pip install 'softbody-sandbox[zarr]'") from None
+        raise SceneError(missing_extra("--trajectory zarr", "zarr", "zarr")) from None
     return zarr
 
 

@@ -30,7 +30,7 @@ class ProgressBar:
 
     def __init__(self, title: str, seconds: float) -> None:
         self._progress = Progress(
-            TextColumn("{task.description}"),
+            TextColumn("{task.description}", markup=False),  # a title is no markup
             BarColumn(),
             TaskProgressColumn(),
             TextColumn("{task.fields[simulated]:.2f} s simulated, {task.fields[factor]:.2f}x real time, left"),

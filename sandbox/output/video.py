@@ -89,6 +89,11 @@ class NullWriter:
         """Nothing is left to do."""
 
 
+def video_names(kind: str) -> tuple[str, ...]:
+    """What :func:`open_writer` makes in its folder."""
+    return () if kind == "none" else ("frames",) if kind == "png" else (f"video.{kind}",)
+
+
 def open_writer(folder: Path, kind: str, fps: float) -> PictureWriter:
     """A writer of ``kind`` mp4, webm, gif, png or none, into ``folder``: video.KIND, or frames/ for png."""
     if kind in _CODECS:

@@ -1,11 +1,9 @@
 """From a preset's name, a path or plain data to a :class:`Scene`; dotted overrides; one-line errors."""
 
 import copy
-import difflib
 import json
 import math
 import os
-import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -14,12 +12,12 @@ from typing import Any
 import tomli_w
 from pydantic import BaseModel, ValidationError
 
-from sandbox.errors import SceneError
+from sandbox.errors import SceneError, did_you_mean
 from sandbox.scene import model
 from sandbox.scene.action_checks import action_problems
 from sandbox.scene.model import MOST_PARTICLES, Action, Scene
+from sandbox.scene.overrides import change, dotted
 
-_INDEX = re.compile(r"\[(\d+)\]")
 _PACKAGE = Path(__file__).resolve().parent.parent
 # In a wheel the scenes lie inside the package, in a checkout beside it.
 _PRESET_FOLDERS = (_PACKAGE / "scenes", _PACKAGE.parent / "scenes")
@@ -62,7 +60,8 @@ def preset_paths() -> dict[str, Path]:
 def load_scene(source: str | os.PathLike[str], overrides: Mapping[str, Any] | None = None) -> Scene:
     """The scene of a preset's name or of a TOML file's path.
 
-    ``overrides`` maps dotted keys to values, e.g. ``{"solver.dt": 1e-4, "bodies.0.material.stiffness": 50.0}``.
+    ``overrides`` maps dotted keys to values, e.g. ``{"solver.dt": 1e-4, "bodies.0.material.stiffness": 50.0}``; a
+    body or collider is meant by its number or its name. Relative paths of mesh files start at the file's folder.
     Raises SceneError, with one line that says where the mistake is.
     """
     path = find_scene(source)
@@ -77,9 +76,8 @@ def find_scene(source: str | os.PathLike[str]) -> Path:
         return presets[text]
     if text.endswith(".toml") or os.sep in text or Path(text).exists():
         return Path(text)
-    near = difflib.get_close_matches(text, presets, n=1, cutoff=0.4)
-    hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(presets)}"
-    raise SceneError(f"{text}: no such preset or file; {hint}")
+    hint = did_you_mean(text, presets) or f"; there are {', '.join(presets)}"
+    raise SceneError(f"{text}: no such preset or file{hint}")
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -104,18 +102,16 @@ def scene_from_data(
     """A validated scene from plain data.
 
     ``source`` begins the text of errors; ``options`` tells for an override which option it came from;
-    relative paths of mesh files start at ``folder``, by default the working directory.
+    relative paths of mesh files, in overrides too, start at ``folder``, by default the working directory.
     """
     raw: dict[str, Any] = copy.deepcopy(dict(data))
+    options = options or {}
+    given = {change(raw, key, value): options.get(key, f"--set {key}") for key, value in (overrides or {}).items()}
     _anchor_files(raw, folder or Path())
-    for key, value in (overrides or {}).items():
-        _override(raw, key, value)
     try:
         scene = Scene.model_validate(raw)
     except ValidationError as error:
-        raise SceneError(
-            describe(error, raw, source, {key: (options or {}).get(key) for key in overrides or ()})
-        ) from None
+        raise SceneError(describe(error, raw, source, given)) from None
     except RecursionError:
         raise SceneError(f"{source}: is nested too deeply") from None
     check_dimensions(scene, source)
@@ -141,18 +137,6 @@ def lay_over(data: Mapping[str, Any], fragment: Mapping[str, Any]) -> dict[str, 
     return merged
 
 
-def parse_assignment(text: str) -> tuple[str, Any]:
-    """``KEY=VALUE`` of the command line -> (dotted key, value). The value is TOML; a bare word is text."""
-    key, equals, value = text.partition("=")
-    key = key.strip()
-    if not equals or not key:
-        raise SceneError(f"--set {text}: must be KEY=VALUE, such as solver.dt=1e-4")
-    try:
-        return key, tomllib.loads(f"value = {value}")["value"]
-    except (tomllib.TOMLDecodeError, RecursionError):
-        return key, value.strip()
-
-
 def to_toml(part: BaseModel) -> str:
     """A scene as TOML that :func:`load_scene` reads back to an equal one, defaults written out; so of any part."""
     return tomli_w.dumps(part.model_dump(mode="json", exclude_none=True))
@@ -163,29 +147,7 @@ def json_schema() -> str:
     return json.dumps(Scene.model_json_schema(), indent=2)
 
 
-def _override(data: dict[str, Any], key: str, value: Any) -> None:
-    parts = _INDEX.sub(r".\1", key).split(".")
-    node: Any = data
-    for depth, part in enumerate(parts):
-        entry: int | str = part
-        if isinstance(node, list):
-            if not part.isdigit() or int(part) >= len(node):
-                where = ".".join(parts[: depth + 1])
-                raise SceneError(f"--set {key}: {where}: there is no such entry; the list has {len(node)}")
-            entry = int(part)
-        elif not isinstance(node, dict):
-            raise SceneError(f"--set {key}: {'.'.join(parts[:depth])} is not a table")
-        elif not part:
-            raise SceneError(f"--set {key}: has an empty part")
-        if depth == len(parts) - 1:
-            node[entry] = value
-        elif isinstance(node, dict):
-            node = node.setdefault(part, {})
-        else:
-            node = node[entry]
-
-
-def describe(error: ValidationError, data: Any, source: str, overridden: Mapping[str, str | None]) -> str:
+def describe(error: ValidationError, data: Any, source: str, overridden: Mapping[str, str]) -> str:
     """One line for what pydantic found: where, what, what was there. ``overridden`` maps keys to their options."""
     errors = error.errors(include_url=False)
     first = errors[0]
@@ -193,11 +155,10 @@ def describe(error: ValidationError, data: Any, source: str, overridden: Mapping
     errors = [e for e in errors if e is first or e["type"] != "too_short"]
     parts = _real_location(first["loc"], data)
     where = _dotted(parts)
-    for key in overridden:
-        plain = _INDEX.sub(r".\1", key)
-        if ".".join(map(str, parts)).startswith(plain) or plain.startswith(".".join(map(str, parts)) + "."):
-            source = overridden[key] or f"--set {key}"
-            break
+    here = f"{dotted(parts)}."
+    source = next(
+        (how for key, how in overridden.items() if here.startswith(f"{key}.") or key.startswith(here)), source
+    )
     more = len({_dotted(_real_location(e["loc"], data)) for e in errors}) - 1
     tail = f" (and {more} more)" if more else ""
     message = _message(first)
@@ -216,8 +177,8 @@ def _real_location(location: tuple[int | str, ...], data: Any) -> list[int | str
         if isinstance(node, Mapping):
             if part in node:
                 node = node[part]
-            elif node.get("kind") == part:
-                continue  # the tag of a discriminated union
+            elif node.get("kind") == part or not str(part).isidentifier():
+                continue  # the tag of a discriminated union, or the name of another one's branch
         elif isinstance(node, list | tuple) and isinstance(part, int) and part < len(node):
             node = node[part]
         else:
@@ -239,8 +200,7 @@ def _message(error: Any) -> str:
         key = str(error["loc"][-1])
         if key in _known_keys():
             return "unknown key here"
-        near = difflib.get_close_matches(key, _known_keys(), n=1, cutoff=0.7)
-        return "unknown key" + (f"; did you mean {near[0]}?" if near else "")
+        return f"unknown key{did_you_mean(key, _known_keys())}"
     template = _MESSAGES.get(kind)
     if template is None:
         return str(error["msg"])

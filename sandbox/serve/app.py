@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from sandbox.errors import SceneError
+from sandbox.errors import SceneError, missing_extra
 from sandbox.scene.model import Scene
 from sandbox.serve.access import Access
 
@@ -41,7 +41,7 @@ class ServeOptions:
 def check_extra() -> None:
     """Raise SceneError where viser is not installed."""
     if find_spec("viser") is None:
-        raise SceneError("serve needs viser: pip install 'softbody-sandbox[web]'")
+        raise SceneError(missing_extra("serve", "viser", "web"))
 
 
 def serve(scene: Scene, options: ServeOptions, tell: Callable[[str], None]) -> str:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, InvalidStateError, ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
-from sandbox.errors import SandboxError, SceneError
+from sandbox.errors import SandboxError, SceneError, missing_extra
 from sandbox.trade.trial import engine_digest
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def open_cluster(address: str) -> Iterator[list["ClusterSlot"]]:
     try:
         from distributed import Client
     except ImportError:
-        raise SandboxError("--cluster needs Dask's distributed: pip install 'softbody-sandbox[cluster]'") from None
+        raise SandboxError(missing_extra("--cluster", "Dask's distributed", "cluster")) from None
     with _silenced():
         try:
             client = Client(address, timeout=_ANSWER, set_as_default=False)

@@ -1,5 +1,7 @@
 """Every combination of values that a sweep gives to keys of a scene, checked before the first one runs."""
 
+import contextlib
+import copy
 import hashlib
 import itertools
 import json
@@ -15,11 +17,11 @@ from sandbox.errors import SceneError
 from sandbox.scene.assemble import assemble
 from sandbox.scene.load import scene_from_data
 from sandbox.scene.model import Scene
+from sandbox.scene.overrides import change, dotted, dotted_key, steps
 
 MOST = 10_000
 """Most combinations of a sweep."""
 _LONGEST_NAME = 120
-_INDEX = re.compile(r"\[(\d+)\]")
 # What of a scene no shape, mass or spring depends on.
 _NO_MATTER = {"title", "description", "solver", "diagnostics"}
 
@@ -69,7 +71,7 @@ def parse_variation(text: str) -> Variation:
     Raises SceneError where there is no key or a value is empty.
     """
     key, equals, rest = text.partition("=")
-    key = _INDEX.sub(r".\1", key.strip())
+    key = dotted_key(key)
     if not equals or not key:
         raise SceneError(f"--vary {text}: must be KEY=VALUE,VALUE, such as solver.dt=1e-4,1e-3")
     texts = _split(rest)
@@ -138,14 +140,20 @@ def combinations(base: SceneData, variations: Sequence[Variation]) -> list[Combi
 def _check_keys(base: SceneData, variations: Sequence[Variation]) -> None:
     if not variations:
         raise SceneError("--vary is required, such as --vary solver.dt=1e-4,1e-3")
-    given = {_INDEX.sub(r".\1", key): base.options.get(key, f"--set {key}") for key in base.overrides}
-    for number, variation in enumerate(variations):
-        for key, option in given.items():
-            if _within(key, variation.key):
+    data = copy.deepcopy(dict(base.data))
+    given = {change(data, key, value): base.options.get(key, f"--set {key}") for key, value in base.overrides.items()}
+    varied: dict[str, str] = {}
+    for variation in variations:
+        key = variation.key
+        with contextlib.suppress(SceneError):  # of what is not there its first scene tells
+            key = dotted(steps(data, key))
+        for other, option in given.items():
+            if _within(other, key):
                 raise SceneError(f"--vary {variation.key}: {option} gives it too")
-        for other in variations[:number]:
-            if _within(other.key, variation.key) or _within(variation.key, other.key):
-                raise SceneError(f"--vary {variation.key}: --vary {other.key} gives it too")
+        for other, name in varied.items():
+            if _within(other, key) or _within(key, other):
+                raise SceneError(f"--vary {variation.key}: --vary {name} gives it too")
+        varied[key] = variation.key
 
 
 def _within(key: str, other: str) -> bool:

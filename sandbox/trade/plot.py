@@ -52,7 +52,8 @@ def draw(trade: Trade, path: Path, title: str) -> None:
     _draw_front(axis, [row for row in trade.rows if row.pareto])
     _frame(axis, trade)
     _draw_unstable(axis, lines)
-    axis.set_title(f"{title}: what a millisecond buys, over {trade.horizon:.3g} s", fontsize=10, loc="left")
+    heading = f"{title}: what a millisecond buys, over {trade.horizon:.3g} s"
+    axis.set_title(heading, fontsize=10, loc="left", parse_math=False)
     figure.legend(loc="outside right upper", fontsize=8, frameon=False, handlelength=3.0)
     figure.savefig(path, dpi=150)
 

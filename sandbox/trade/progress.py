@@ -19,7 +19,7 @@ def progress_bar(silent: bool) -> Iterator[Progress]:
 
     columns = (
         BarColumn(), TaskProgressColumn(), TimeElapsedColumn(), TextColumn("passed, left"), TimeRemainingColumn(),
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
     )  # fmt: skip
     with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("starting", total=1.0)

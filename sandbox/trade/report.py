@@ -36,7 +36,8 @@ def report_stability(scene: Scene, options: StabilityOptions, silent: bool) -> t
 
     Raises SceneError where the scene cannot be built; nothing is left then.
     """
-    folder = RunFolder(options.folder)
+    maps = ("stability_map.csv", "stability_map.png") if options.draws_map else ()
+    folder = RunFolder(options.folder, ("stability.json", "scene.toml", *maps))
     with folder.discarded_on_failure():
         with progress_bar(silent) as progress:
             rows = stable_steps(

@@ -36,7 +36,8 @@ def report_trade(
     DivergedError where it has no reference; finished rows stay for the next time, and nothing else.
     """
     path = out or Path("outputs") / f"{name}-trade"
-    with _study_folder(path, fresh) as (folder, store):
+    names = ("scene.toml", "trade.json", "trade.csv", "trade.png")
+    with _study_folder(path, fresh, names) as (folder, store):
         with progress_bar(silent) as progress:
             trade = measure(scene, options, store, progress)
         write(name, trade, folder)
@@ -48,7 +49,7 @@ def report_models(
 ) -> tuple[ModelTrade, Path]:
     """Measure what the parts of a scene cost and are worth, and leave a folder; see :func:`report_trade`."""
     path = out or Path("outputs") / f"{name}-models"
-    with _study_folder(path, fresh) as (folder, store):
+    with _study_folder(path, fresh, ("scene.toml", "models.json", "models.csv")) as (folder, store):
         with progress_bar(silent) as progress:
             trade = measure_models(scene, options, store, progress)
         folder.write_text("scene.toml", to_toml(scene))
@@ -58,9 +59,9 @@ def report_models(
 
 
 @contextlib.contextmanager
-def _study_folder(path: Path, fresh: bool) -> Iterator[tuple[RunFolder, Store]]:
+def _study_folder(path: Path, fresh: bool, names: Sequence[str]) -> Iterator[tuple[RunFolder, Store]]:
     """A folder that is published if the block ends well, and finished rows, which stay if it does not."""
-    folder, store = RunFolder(path), Store(path / UNFINISHED)
+    folder, store = RunFolder(path, names), Store(path / UNFINISHED)
     if fresh:
         store.clear()
         store = Store(path / UNFINISHED)
@@ -79,7 +80,7 @@ def report_tuned(
     for the next time then, and nothing else.
     """
     path = out or Path("outputs") / f"{name}-tune"
-    with _study_folder(path, fresh) as (folder, store):
+    with _study_folder(path, fresh, ("tuned.toml", "tune.json")) as (folder, store):
         with progress_bar(silent) as progress, contextlib.ExitStack() as stack:
             study = Study(scene, options, store, progress)
             slots = stack.enter_context(open_crew(options.workers, options.cluster))

@@ -144,7 +144,7 @@ def draw(points: Sequence[MapPoint], path: Path, title: str) -> None:
                 axis.set_xlabel("stiffness, of the scene's own", fontsize=9)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=9, frameon=False)
-    figure.suptitle(f"{title}: {points[0].scheme}")
+    figure.suptitle(f"{title}: {points[0].scheme}", parse_math=False)
     figure.savefig(path, dpi=130)
 
 

@@ -2,7 +2,7 @@
 
 import contextlib
 import json
-import shutil
+import re
 from dataclasses import asdict
 from pathlib import Path
 
@@ -10,6 +10,9 @@ from sandbox.errors import SceneError
 from sandbox.files import replace_when_whole
 from sandbox.trade.record import Record
 from sandbox.trade.worker import Outcome, Status, Timing
+
+_OURS = re.compile(r"\.?[0-9a-f]{24}(\.time)?\.(json|npz)(\.part)?")
+"""Names of its files, whole or not: keys are digests."""
 
 
 class Store:
@@ -50,8 +53,12 @@ class Store:
         self._write(self.folder / f"{key}.time.json", asdict(timing))
 
     def clear(self) -> None:
-        """Forget everything."""
-        shutil.rmtree(self.folder, ignore_errors=True)
+        """Forget everything. What else is in the folder stays, and so does the folder then."""
+        with contextlib.suppress(OSError):
+            for path in self.folder.iterdir():
+                if _OURS.fullmatch(path.name):
+                    path.unlink()
+            self.folder.rmdir()
 
     def _record(self, key: str) -> Path:
         return self.folder / f"{key}.npz"

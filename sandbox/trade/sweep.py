@@ -21,6 +21,7 @@ from sandbox.errors import DivergedError, SandboxError, SceneError
 from sandbox.files import replace_when_whole
 from sandbox.headless import RunOptions, check_options, run
 from sandbox.output.folder import RunFolder
+from sandbox.output.mark import MARK, Mark
 from sandbox.trade.combinations import Combination, SceneData, Variation, combinations
 from sandbox.trade.crew import Failed, Job, open_crew, work_off
 from sandbox.trade.progress import Progress, progress_bar
@@ -124,11 +125,11 @@ def run_task(task: Task) -> Result:
     with tempfile.TemporaryDirectory(prefix="sandbox-") as folder:
         result = _run_in(RunPlace(Path(folder) / "run"), task)
         place = Path(folder) / "run"
-        files = {str(path.relative_to(place)): path.read_bytes() for path in place.rglob("*") if path.is_file()}
+        sent = (path for path in place.rglob("*") if path.is_file() and path.name not in (STAMP, MARK))
+        files = {str(path.relative_to(place)): path.read_bytes() for path in sent}
     if result.summary is not None:
         result.summary["folder"] = os.fspath(task.options.folder)
         files["summary.json"] = (json.dumps(result.summary, indent=2) + "\n").encode()
-    files.pop(STAMP, None)
     return replace(result, files=files)
 
 
@@ -164,6 +165,7 @@ class RunPlace:
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             self._write({})
+            (self.folder / "summary.json").unlink(missing_ok=True)
         except OSError as error:
             raise SandboxError(f"{self.folder}: cannot be written: {error.strerror or error}") from None
 
@@ -179,10 +181,16 @@ class RunPlace:
 
     def is_foreign(self) -> bool:
         """Whether there is something in it that is not of a sweep."""
-        if not self.folder.exists() or (self.folder / STAMP).exists():
+        if not self.folder.is_dir():
+            return os.path.lexists(self.folder)
+        if (self.folder / STAMP).exists():
             return False
         # A sweep that was killed while it claimed the folder left a stamp that has not got its name yet.
         return any(path.name != f".{STAMP}.part" for path in self.folder.iterdir())
+
+    def check(self, names: Sequence[str]) -> None:
+        """Raise SceneError where a run would replace what is not as a run has left it; its summary may be."""
+        Mark.read(self.folder).check(name for name in names if name != "summary.json")
 
     def leave(self) -> None:
         """Take away what an unfinished run left, and the folder if nothing else is in it."""
@@ -195,7 +203,7 @@ class RunPlace:
     def keep(self, files: dict[str, bytes], key: str) -> None:
         """Write the files of a run that was done elsewhere."""
         self.claim()
-        folder = RunFolder(self.folder)
+        folder = RunFolder(self.folder, sorted({Path(name).parts[0] for name in files}))
         with folder.discarded_on_failure():
             for name, content in files.items():
                 (folder.partial / name).parent.mkdir(parents=True, exist_ok=True)
@@ -231,15 +239,18 @@ def sweep(
         _check_machine(options)
     with _opened(options, [variation.key for variation in variations], tasks) as folder:
         results = {} if options.fresh else _finished(tasks)
+        for task in tasks:
+            if task.name not in results:
+                RunPlace(task.options.folder).check(task.options.names)
         with progress_bar(silent) as progress:
             _run(tasks, results, options, progress)
         rows = [row_of(task.combination, results[task.name]) for task in tasks]
-        write_tables(folder, options.name, tasks[0].combination.scene.title, variations, rows)
+        title = tasks[0].combination.scene.title
+        write_tables(folder.partial, options.name, title, variations, rows)
         if options.posters:
-            write_sheet(folder, tasks[0].combination.scene.title or options.name, variations, rows)
-        else:
-            (folder / "sweep.png").unlink(missing_ok=True)
-    return rows, folder
+            write_sheet(folder.partial / "sweep.png", folder.path, title or options.name, variations, rows)
+        folder.publish()
+    return rows, folder.path
 
 
 def _tasks(base: SceneData, variations: Sequence[Variation], options: SweepOptions) -> list[Task]:
@@ -264,32 +275,28 @@ def _check_machine(options: SweepOptions) -> None:
 
 
 @contextlib.contextmanager
-def _opened(options: SweepOptions, keys: list[str], tasks: Sequence[Task]) -> Iterator[Path]:
+def _opened(options: SweepOptions, keys: list[str], tasks: Sequence[Task]) -> Iterator[RunFolder]:
     """The folder of a sweep, which is not another one's. It goes if it was made here and nothing came into it."""
-    folder, ours = options.folder, {"name": options.name, "keys": keys}
+    path, ours = options.folder, {"name": options.name, "keys": keys}
     theirs = ours
     with contextlib.suppress(OSError, ValueError):
-        theirs = json.loads((folder / STAMP).read_text(encoding="utf-8"))
+        theirs = json.loads((path / STAMP).read_text(encoding="utf-8"))
     if theirs != ours:
         name, others = theirs.get("name"), ", ".join(theirs.get("keys", ()))
-        raise SceneError(f"{folder}: holds another sweep, of {name} over {others}; choose another --out")
+        raise SceneError(f"{path}: holds another sweep, of {name} over {others}; choose another --out")
     for task in tasks:
         if RunPlace(task.options.folder).is_foreign():
             raise SceneError(f"{task.options.folder}: holds something that is of no sweep; choose another --out")
-    made = not folder.exists()
+    made = not path.exists()
+    folder = RunFolder(path, ("sweep.csv", "sweep.json", *(("sweep.png",) if options.posters else ())))
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with replace_when_whole(folder / STAMP) as temporary:
-            temporary.write_text(json.dumps(ours), encoding="utf-8")
-    except OSError as error:
-        raise SceneError(f"{folder}: cannot be written: {error.strerror or error}") from None
-    try:
-        yield folder
-    except OSError as error:
-        raise SandboxError(f"{folder}: cannot be written: {error.strerror or error}") from None
+        with folder.discarded_on_failure():
+            with replace_when_whole(path / STAMP) as temporary:
+                temporary.write_text(json.dumps(ours), encoding="utf-8")
+            yield folder
     finally:
-        if made and folder.exists() and [path.name for path in folder.iterdir()] == [STAMP]:
-            shutil.rmtree(folder)
+        if made and path.exists() and [entry.name for entry in path.iterdir()] == [STAMP]:
+            shutil.rmtree(path)
 
 
 def _finished(tasks: Sequence[Task]) -> dict[str, Result]:

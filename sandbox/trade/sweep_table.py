@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from sandbox import __version__
-from sandbox.files import replace_when_whole
 from sandbox.output.contact_sheet import MOST_PANELS, Grid, Panel, draw_sheet
 from sandbox.trade.combinations import Combination, Variation, short_names
 
@@ -70,17 +69,13 @@ def write_tables(folder: Path, name: str, title: str, variations: Sequence[Varia
         "vary": {variation.key: variation.values for variation in variations},
         "rows": [asdict(row) for row in rows],
     }
-    with replace_when_whole(folder / "sweep.json") as temporary:
-        temporary.write_text(json.dumps(data, indent=2, default=str) + "\n", encoding="utf-8")
+    (folder / "sweep.json").write_text(json.dumps(data, indent=2, default=str) + "\n", encoding="utf-8")
     flat = [_flat(row) for row in rows]
     # A column that no row has anything in is left out, but for those that every sweep has.
     columns = dict.fromkeys(key for line in flat for key in line)
     if not any(row.energy_unexplained is not None for row in rows):
         columns.pop("energy_unexplained")
-    with (
-        replace_when_whole(folder / "sweep.csv") as temporary,
-        temporary.open("w", newline="", encoding="utf-8") as file,
-    ):
+    with (folder / "sweep.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, list(columns), restval="", extrasaction="ignore")
         writer.writeheader()
         writer.writerows(flat)
@@ -131,8 +126,11 @@ def _number(value: float | None) -> str:
     return "" if value is None else f"{value:.4g}"
 
 
-def write_sheet(folder: Path, title: str, variations: Sequence[Variation], rows: Sequence[Row]) -> None:
-    """sweep.png: the posters of all runs; the last key's values beside each other, the others' below each other."""
+def write_sheet(path: Path, folder: Path, title: str, variations: Sequence[Variation], rows: Sequence[Row]) -> None:
+    """The posters of all runs in a sweep's folder, drawn to ``path``.
+
+    The last key's values are beside each other, the others' below each other.
+    """
     panels = [
         Panel(row.label, picture if (picture := folder / row.folder / "poster.png").exists() else None, _alarm(row))
         for row in rows
@@ -146,8 +144,7 @@ def write_sheet(folder: Path, title: str, variations: Sequence[Variation], rows:
             rows=tuple(row.label.rpartition(f", {name}=")[0] for row in rows[::across]),
         )
     more = f", the first {MOST_PANELS} of {len(rows)}" if len(rows) > MOST_PANELS else ""
-    with replace_when_whole(folder / "sweep.png") as temporary:
-        draw_sheet(panels, grid, f"{title}{more}").save(temporary, format="PNG")
+    draw_sheet(panels, grid, f"{title}{more}").save(path, format="PNG")
 
 
 def _alarm(row: Row) -> str:

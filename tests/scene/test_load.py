@@ -4,12 +4,14 @@ import json
 import tomllib
 
 import pytest
+import tomli_w
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from sandbox import SceneError, json_schema, load_scene, preset_paths, to_toml
 from sandbox.scene.assemble import assemble
-from sandbox.scene.load import parse_assignment, scene_from_data
+from sandbox.scene.load import scene_from_data
+from sandbox.scene.overrides import parse_assignment
 
 VALID = {
     "dimension": 2,
@@ -205,7 +207,15 @@ def test_parts_that_do_not_fit_together(path, value, message):
     [
         ("solver.foo", "--set solver.foo: solver.foo: unknown key"),
         ("bodies.7.name", "--set bodies.7.name: bodies.7: there is no such entry; the list has 1"),
-        ("bodies.first.name", "bodies.first: there is no such entry"),
+        ("bodies.first.name", "bodies.first: there is no such entry; the list has 1: box"),
+        ("bodies[first].name", "--set bodies[first].name: bodies.first: there is no such entry; the list has 1: box"),
+        ("colliders.walls.friction", "colliders.walls: there is no such entry; the list has"),
+        ("attachments.0.body", "--set attachments.0.body: attachments.0: there is no such entry; the list has 0"),
+        ("actions.poke.time", "actions.poke: there is no such entry; the list has 0"),
+        ("bodies..name", "--set bodies..name: has an empty part"),
+        ("bodies.box.material.stiffness", "bodies[0].material.stiffness: must be a number, got 'wrong'"),
+        ("bodies.box.densty", "--set bodies.box.densty: bodies[0].densty: unknown key; did you mean density?"),
+        ("solver.dt.x", "--set solver.dt.x: solver.dt: must be a number or 'auto', got {'x': 'wrong'}"),
         ("dimension.x", "--set dimension.x: dimension is not a table"),
         ("solver..dt", "--set solver..dt: has an empty part"),
         ("solver.dt", "--set solver.dt: solver.dt: must be a number or 'auto', got 'wrong'"),
@@ -215,6 +225,95 @@ def test_bad_overrides_name_the_override(key, message):
     with pytest.raises(SceneError) as caught:
         scene_from_data(VALID, {key: "wrong"}, source="x.toml")
     assert message in str(caught.value)
+
+
+NAMED = {
+    "dimension": 2,
+    "bodies": [
+        {"name": name, "shape": {"kind": "box", "size": [1.0, 0.7], "cells": [3, 2]}}
+        for name in ("jelly", "leg.1", "0", "a [b]")
+    ],
+    "colliders": [
+        {"kind": "half_space", "point": [0.0, -9.0], "normal": [0.0, 1.0]},
+        {"kind": "sphere", "name": "ball", "position": [0.0, -5.0], "radius": 0.3},
+    ],
+}
+
+
+def test_bodies_and_colliders_go_by_number_or_name():
+    scene = scene_from_data(
+        NAMED,
+        {
+            "bodies.jelly.material.stiffness": 5.0,
+            "bodies.leg.1.material.stiffness": 6.0,
+            "bodies[2].material.stiffness": 7.0,  # a number is a number
+            "bodies.a [b].material.stiffness": 8.0,
+            "colliders.ball.friction": 0.4,
+        },
+    )
+    assert [body.material.stiffness for body in scene.bodies] == [5.0, 6.0, 7.0, 8.0]
+    assert [collider.friction for collider in scene.colliders] == [0.0, 0.4]
+    # One change after the other: a body goes by the name that it was given before.
+    renamed = scene_from_data(NAMED, {"bodies.jelly.name": "gel", "bodies.gel.color": "#010203"})
+    assert renamed.bodies[0].color == "#010203"
+
+
+def test_relative_mesh_files_begin_at_the_scene_s_folder_wherever_they_are_named(tmp_path, monkeypatch):
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    scene = tmp_path / "scene.toml"
+    mesh = {"kind": "mesh", "file": "a.obj", "position": [0.0, 0.0, 0.0]}
+    body = {"name": "it", "shape": {"kind": "mesh", "file": "a.obj"}}
+    scene.write_text(tomli_w.dumps({"dimension": 3, "bodies": [body], "colliders": [mesh]}))
+    shape = {"kind": "mesh", "file": "sub/b.obj"}
+    for overrides, expected in (
+        ({}, "a.obj"),
+        ({"bodies.0.shape.file": "sub/b.obj", "colliders.0.file": "sub/b.obj"}, "sub/b.obj"),
+        ({"bodies.it.shape": shape, "colliders": [{**mesh, "file": "sub/b.obj"}]}, "sub/b.obj"),
+        ({"bodies": [{**body, "shape": shape}], "colliders.0.file": "./sub/../sub/b.obj"}, "sub/b.obj"),
+        ({"bodies.it.shape.file": str(tmp_path / "c.obj"), "colliders.0.file": str(tmp_path / "c.obj")}, "c.obj"),
+    ):
+        found = load_scene(scene, overrides)
+        assert found.bodies[0].shape.file == found.colliders[0].file == str(tmp_path / expected)
+    assert shape["file"] == "sub/b.obj"  # what was given is left alone
+
+
+@pytest.mark.parametrize(
+    ("color", "expected"),
+    [
+        ("#3D9BE0", "#3D9BE0"), ("#fa3", "#ffaa33"), ("tomato", "#ff6347"), ("RebeccaPurple", "#663399"),
+        ("grey", "#808080"), ("gray", "#808080"), ("lightgoldenrodyellow", "#fafad2"),
+    ],
+)  # fmt: skip
+def test_colors_are_hexadecimal_or_css_names(color, expected):
+    scene = scene_from_data(NAMED, {"bodies.jelly.color": color, "colliders.ball.color": color})
+    assert scene.bodies[0].color == scene.colliders[1].color == expected
+
+
+@pytest.mark.parametrize("color", ["", "#12345", "#12345678", "rgb(1,2,3)", "hsl(0,100%,50%)", "transparent", "#ggg"])
+def test_other_colors_are_refused(color):
+    with pytest.raises(SceneError, match=r"bodies\[0\].color: must be a color such as #e8604c or a CSS name") as caught:
+        scene_from_data(NAMED, {"bodies.0.color": color})
+    assert "did you mean" not in str(caught.value)
+
+
+def test_hints_name_only_what_is_really_near():
+    near = {
+        "jely": "jelly", "JELLY": "jelly", "ballon": "balloon", "drop": "drop_2d", "boxes": "boxes_2d",
+        "pump": "pump_up", "suregry": "surgery", "tissues": "tissue", "bridge_2d": "bridge", "trampolin": "trampoline",
+    }  # fmt: skip
+    for word in ("poked", "table", "xyz", "j", "landing", "soft", "cube", "tower_of_pisa", "2d", "stone"):
+        near[word] = ""
+    for word, name in near.items():
+        with pytest.raises(SceneError) as caught:
+            load_scene(word)
+        hint = f"did you mean {name}?" if name else "there are balloon, balloons_2d, "
+        assert f"{word}: no such preset or file; {hint}" in str(caught.value)
+    keys = {"tension": "tension_only", "stifness": "stiffness", "E": "", "timestep": "", "breaks": "", "poked": ""}
+    for word, name in keys.items():
+        with pytest.raises(SceneError) as caught:
+            scene_from_data(VALID, {word: 1.0})
+        assert str(caught.value).endswith(f"{word}: unknown key" + (f"; did you mean {name}?" if name else ""))
 
 
 def test_missing_and_broken_files(tmp_path):

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from sandbox.errors import SceneError
+from sandbox.errors import SceneError, missing_extra
 from sandbox.output.frames import FloatArray, Frame
 from sandbox.output.mesh.solids import Prop, props
 from sandbox.output.mesh.surface import BodyParts, BodyShape, Surfaces
@@ -22,7 +22,7 @@ def check_usd() -> None:
     try:
         import pxr.UsdGeom  # noqa: F401
     except ImportError:
-        raise SceneError("usd needs Pixar's usd-core: pip install 'softbody-sandbox[usd]'") from None
+        raise SceneError(missing_extra("usd", "Pixar's usd-core", "usd")) from None
 
 
 class UsdWriter:

@@ -1,10 +1,13 @@
 """What all parts of a scene share: the base model, and the kinds of numbers, with their bounds."""
 
 import math
+import re
 from typing import Annotated
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict
 from pydantic_core import PydanticCustomError
+
+from sandbox.errors import did_you_mean
 
 MOST_PARTICLES = 20_000_000
 """Most particles or cells of one body: what fits into some 10 GB with its springs."""
@@ -43,6 +46,20 @@ def check_one_size(scale: float, size: float | None) -> None:
         raise PydanticCustomError("two_sizes", "give scale or size, not both", {})
 
 
+def _color(value: str) -> str:
+    """A color as #rrggbb."""
+    if re.fullmatch("#[0-9a-fA-F]{6}", value):
+        return value
+    from PIL import ImageColor  # only scenes that name colors wait for it
+
+    if value.casefold() not in ImageColor.colormap and not re.fullmatch("#[0-9a-fA-F]{3}", value):
+        hint = did_you_mean(value, ImageColor.colormap)
+        text = "must be a color such as #e8604c or a CSS name such as tomato, got {got}"
+        raise PydanticCustomError("color", text + hint, {"got": repr(value)})  # type: ignore[arg-type]
+    red, green, blue = ImageColor.getrgb(value)[:3]
+    return f"#{red:02x}{green:02x}{blue:02x}"
+
+
 # Strict: text or a boolean where a number belongs is a mistake to report, not to convert.
 Real = Annotated[float, Strict()]
 Integer = Annotated[int, Strict()]
@@ -56,7 +73,12 @@ NonNegative = Annotated[Real, Field(ge=0)]
 Fraction = Annotated[Real, Field(ge=0, le=1)]
 Index = Annotated[Integer, Field(ge=0)]
 Cells = Annotated[Integer, Field(ge=1, le=4096)]
-Color = Annotated[str, Field(pattern=r"^#[0-9a-fA-F]{6}$", description="colour as #rrggbb (sRGB)")]
+COLOR_HELP = "color (sRGB) as #rrggbb, or by its CSS name, such as tomato"
+Color = Annotated[
+    str,
+    AfterValidator(_color),
+    Field(description=COLOR_HELP, json_schema_extra={"pattern": "^(#[0-9a-fA-F]{6}|#[0-9a-fA-F]{3}|[a-zA-Z]+)$"}),
+]
 Rotation = Real | tuple[Real, Real, Real]
 
 BEND_HELP = (

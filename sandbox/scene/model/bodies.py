@@ -6,6 +6,7 @@ from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from sandbox.scene.model.base import (
+    COLOR_HELP,
     ROTATION_HELP,
     Color,
     Flag,
@@ -26,7 +27,8 @@ class Material(Model):
 
     stiffness: Positive | None = Field(None, description="stiffness k of every spring [N/m]")
     youngs_modulus: Positive | None = Field(
-        None, description="Young's modulus E [Pa]; refining the body does not change how stiff it is"
+        None,
+        description="Young's modulus E [Pa]; refining the body changes its stiffness in bending only, by about 1/n^2",
     )
     damping: NonNegative | None = Field(None, description="damping c of every spring [N s/m]")
     damping_ratio: NonNegative | None = Field(
@@ -116,7 +118,7 @@ class Body(Model):
     wind: Flag | None = Field(
         None, description="whether wind blows on its faces; by default on sheets, shells, rings and 2D ropes"
     )
-    color: Color | None = Field(None, description="colour as #rrggbb; by default from a palette")
+    color: Color | None = Field(None, description=COLOR_HELP + "; by default from a palette")
     material: Material = Material()
     pin: Pin | None = Field(None, description="particles that never move")
 

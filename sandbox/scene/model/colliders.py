@@ -8,6 +8,7 @@ from pydantic import ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from sandbox.scene.model.base import (
+    COLOR_HELP,
     LONGEST_HELP,
     ROTATION_HELP,
     SCALE_HELP,
@@ -53,7 +54,7 @@ class Solid(Model):
 
     restitution: Fraction = Field(0.0, description="normal speed kept by a bounce [1]")
     friction: NonNegative = Field(0.0, description="Coulomb friction [1]")
-    color: Color | None = Field(None, description="colour as #rrggbb (sRGB)")
+    color: Color | None = Field(None, description=COLOR_HELP)
 
     @model_validator(mode="after")
     def _in_order(self) -> "Solid":
