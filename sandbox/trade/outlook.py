@@ -115,7 +115,7 @@ def _listed(events: list[Event]) -> str:
 
 
 def _planned(scene: Scene) -> Iterator[Event]:
-    """When actions begin, and colliders begin to move."""
+    """When actions and wind begin, and colliders begin to move."""
     for number, action in enumerate(scene.actions):
         if isinstance(action, Switch):
             continue  # studies choose the solver themselves
@@ -126,6 +126,8 @@ def _planned(scene: Scene) -> Iterator[Event]:
     for number, collider in enumerate(scene.colliders):
         if (time := _begins(collider.motion)) is not None:
             yield Event(time, f"{collider.name or f'colliders[{number}]'} begins to move")
+    if scene.wind is not None:
+        yield Event(scene.wind.start, "wind begins to blow")
 
 
 def _begins(path: tuple[Keyframe, ...]) -> float | None:

@@ -81,8 +81,15 @@ def test_what_the_scene_says_needs_no_run():
         {"kind": "solver", "time": 1.0, "integrator": "rk4"},
         {"kind": "unpin", "body": "rope", "time": 30.0},
     ]
-    outlook = Outlook.planned(assemble(make_scene(dimension=2, duration=4.0, bodies=[rope], actions=actions)))
-    assert outlook.events == (Event(0.7, "actions[1] (poke)"), Event(2.0, "actions[0] (push)"))
+    wind = {"velocity": [1.0, 0.0], "start": 1.1}
+    outlook = Outlook.planned(
+        assemble(make_scene(dimension=2, duration=4.0, bodies=[rope], actions=actions, wind=wind))
+    )
+    assert outlook.events == (
+        Event(0.7, "actions[1] (poke)"),
+        Event(1.1, "wind begins to blow"),
+        Event(2.0, "actions[0] (push)"),
+    )
     assert outlook.until == 4.0  # nothing can meet
     assert outlook.wanted(1.0) == 1.25 * 2.0 + 0.25
     still = Outlook.planned(assemble(make_scene(dimension=2, duration=4.0, bodies=[rope])))
