@@ -49,6 +49,7 @@ def check_error(name: str, error: float, options: Options, folder: str) -> None:
     fresh.levels = study.levels
     grid = ladder(fresh.prospects, Choice(precisions=tuple(Precision)))
     with open_crew(1) as slots:
+        fresh.look_ahead(slots)
         fresh.run(slots, [found.row.settings])
         fresh.time(slots[0], [found.row.settings, *worth_timing(fresh, found, grid)])
     time = fresh.timings[found.row.settings].per_second[1]
@@ -93,6 +94,7 @@ def check_budget(name: str, budget: float, options: Options, folder: str) -> Non
     for _ in range(3):
         fresh = study_of(name, options, folder)
         with open_crew(1) as slots:
+            fresh.look_ahead(slots)
             fresh.time(slots[0], [found.row.settings])
         taken.append(1e3 * fresh.timings[found.row.settings].frame_quantile(0.95))
     print(

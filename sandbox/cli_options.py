@@ -168,3 +168,14 @@ def quantity(option: str, text: str | None, units: dict[str, float]) -> float | 
     if not 0.0 < value < 1e6:
         raise SceneError(f"{option} {text}: must be > 0")
     return value
+
+
+def part_of_one(option: str, text: str | None) -> float | None:
+    """A part of one, in percent or as a number below 1; None where there is none.
+
+    Raises SceneError for a number of 1 and more without a unit: it may well be meant in percent.
+    """
+    part = quantity(option, text, {"%": 0.01, "": 1.0})
+    if text is not None and part is not None and part >= 1.0 and not text.strip().endswith("%"):
+        raise SceneError(f"{option} {text}: {part:g} is {100.0 * part:g} %; write {part:g}% or {0.01 * part:g}")
+    return part

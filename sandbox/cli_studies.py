@@ -2,7 +2,7 @@
 
 import contextlib
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,6 +18,7 @@ from sandbox.cli_options import (
     names,
     naming,
     numbers,
+    part_of_one,
     quantity,
 )
 from sandbox.errors import SandboxError, SceneError
@@ -87,6 +88,7 @@ def measure(
         return
     with _named(scene, out or Path("outputs") / f"{Path(scene).stem}-trade"):
         trade, folder = results.report_trade(loaded, Path(scene).stem, options, out, fresh, silent=quiet or json_)
+    _warn(trade.unseen)
     if json_:
         typer.echo((folder / "trade.json").read_text(encoding="utf-8"), nl=False)
         return
@@ -102,6 +104,7 @@ def _measure_models(
 
     with _named(scene, out or Path("outputs") / f"{Path(scene).stem}-models"):
         trade, folder = results.report_models(loaded, Path(scene).stem, options, out, fresh, silent=quiet or json_)
+    _warn(trade.unseen)
     if json_:
         typer.echo((folder / "models.json").read_text(encoding="utf-8"), nl=False)
         return
@@ -144,8 +147,7 @@ def tune(
     from sandbox.trade.ladder import Choice
     from sandbox.trade.tune import Target
 
-    units = {"%": 0.01, "": 1.0}, {"ms": 1e-3, "s": 1.0, "us": 1e-6}
-    target = Target(quantity("--error", error, units[0]), quantity("--budget", budget, units[1]))
+    target = Target(part_of_one("--error", error), quantity("--budget", budget, {"ms": 1e-3, "s": 1.0, "us": 1e-6}))
     choice = Choice(
         schemes=names("--schemes", schemes, IntegratorName) or tuple(IntegratorName),
         iterations=numbers("--iterations", iterations, int),
@@ -154,7 +156,8 @@ def tune(
     name = Path(scene).stem
     with _named(scene, out or Path("outputs") / f"{name}-tune"):
         tuned, looked, folder = results.report_tuned(loaded, name, options, out, fresh, quiet or json_, target)
-    fragment = results.tuned_summary(tuned, looked) + tuned.row.settings.fragment()
+    _warn(tuned.unseen)
+    fragment = results.tuned_fragment(target, tuned, looked)
     if write is not None:
         try:
             with replace_when_whole(write) as temporary:
@@ -162,6 +165,12 @@ def tune(
         except OSError as trouble:
             raise SceneError(f"--write {write}: cannot be written: {trouble.strerror or trouble}") from None
     typer.echo((folder / "tune.json").read_text(encoding="utf-8") if json_ else fragment, nl=False)
+
+
+def _warn(lines: Sequence[str]) -> None:
+    """What a study did not see, a line each on standard error."""
+    for line in lines:
+        typer.echo(f"warning: {line}", err=True)
 
 
 def study_options(

@@ -1,9 +1,10 @@
 """The largest step that a scheme can take in a scene, known before the first. NumPy only.
 
 Splitting schemes have a sharp limit. Explicit Runge-Kutta schemes multiply a vibration by R(h lambda) in every
-step, and some of them by a little more than 1 whatever the step: they count as stable as long as nothing grows
-by more than GROWTH in the time of the run. Implicit schemes have no limit; for them :func:`accurate_step` tells
-which step keeps the slowest deformation as true as was asked for.
+step: they are stable up to where |R| leaves 1. Some of them multiply a vibration that is not damped by a little more
+than 1 whatever the step: with them it counts as stable as long as it does not grow by more than GROWTH in the time of
+the run. Implicit schemes have no limit; for them :func:`accurate_step` tells which step keeps the slowest deformation
+as true as was asked for.
 """
 
 import math
@@ -19,11 +20,15 @@ from sandbox.stability import FloatArray, SpringNetwork
 GROWTH = 10.0
 """By how much the amplitude of a vibration may grow in a run before the step counts as unstable [1]."""
 _SWING = 1000.0
-_GRID = 4000
-_FINEST = 1e-9
+_BEYOND = 1.01
+"""Step at which a damped mode is expected to be seen growing, in its limits [1]."""
+_SEEN = 1.05
+"""Growth that can be told from none [1]."""
+_DAMPED = 1e-3
+"""Damping ratio below which a mode counts as not damped [1]: it loses less than 0.6 % in a turn."""
 _RIGID = 1e-8
 """Stiffness of a deformation, relative to the stiffest, below which it is none but a motion of the whole."""
-_REFINEMENTS = 40
+_REFINEMENTS = 60
 _SAMPLES = 6
 _SETTLED = 0.98
 _MODE = 0.15
@@ -41,7 +46,10 @@ class Limit:
     frequency: float
     """Its angular frequency, without damping [rad/s]."""
     growth: float
-    """What it may grow by in a run and count as stable [1]: schemes with a sharp limit swing far just below it."""
+    """What it may grow by in a run and count as stable [1].
+
+    Splitting schemes swing far just below their limit. What a damped mode grows by just above it may be little.
+    """
 
 
 def stable_step(scheme: Scheme, network: SpringNetwork, positions: FloatArray, duration: float) -> float:
@@ -61,10 +69,21 @@ def limit(scheme: Scheme, network: SpringNetwork, positions: FloatArray, duratio
         return Limit(step, mode, stability.frequency_of(network, positions, mode), _SWING)
     if not isinstance(scheme, RungeKuttaScheme) or not stability.has_modes(network):
         return Limit(np.inf, np.zeros_like(positions), 0.0, GROWTH)
-    return _growth_limit(scheme, network, positions, duration)
+    if not network.damping.any():
+        return _undamped_limit(scheme, network, positions, duration)
+    return _damped_limit(scheme, network, positions, duration)
 
 
-def _growth_limit(scheme: RungeKuttaScheme, network: SpringNetwork, positions: FloatArray, duration: float) -> Limit:
+def _undamped_limit(scheme: RungeKuttaScheme, network: SpringNetwork, positions: FloatArray, duration: float) -> Limit:
+    """Where nothing is damped the fastest vibration goes first, whatever the scheme."""
+    step, mode = stability.stable_mode(network, positions, 0.0)
+    if not np.isfinite(step):
+        return Limit(np.inf, mode, 0.0, GROWTH)
+    rate = 2j / step  # a splitting scheme is stable up to 2 over the frequency
+    return Limit(float(mode_steps(scheme, np.array([rate]), duration)[0]), mode, abs(rate), GROWTH)
+
+
+def _damped_limit(scheme: RungeKuttaScheme, network: SpringNetwork, positions: FloatArray, duration: float) -> Limit:
     """Of all modes the one that allows the shortest step.
 
     Which one that is depends on stiffness and damping both, in a way of the scheme's own. It is approached by
@@ -75,18 +94,15 @@ def _growth_limit(scheme: RungeKuttaScheme, network: SpringNetwork, positions: F
     for _ in range(_SAMPLES):
         modes = stability.sampled_modes(network, positions, stiff, damp)
         # What is no mode yet may seem less damped than any is.
-        steps = [
-            growth_step(scheme, np.array([rate]), duration) if residual < _MODE else np.inf
-            for rate, residual in zip(modes.rates, modes.residuals, strict=True)
-        ]
+        steps = np.where(modes.residuals < _MODE, mode_steps(scheme, modes.rates, duration), np.inf)
         first = int(np.argmin(steps))
         if not steps[first] < best.step:
             break
-        settled = steps[first] > _SETTLED * best.step
-        rate = complex(modes.rates[first])
-        best = Limit(steps[first], modes.shapes[first], abs(rate), GROWTH)
-        stiff, damp = _growth_slopes(scheme, abs(rate) ** 2, -2.0 * rate.real, steps[first])
-        if settled or not network.damping.any():
+        step, rate = float(steps[first]), complex(modes.rates[first])
+        settled = step > _SETTLED * best.step
+        best = Limit(step, modes.shapes[first], abs(rate), _growth_beyond(scheme, rate, step, duration))
+        stiff, damp = _growth_slopes(scheme, abs(rate) ** 2, -2.0 * rate.real, step)
+        if settled:
             break
     return best
 
@@ -107,33 +123,44 @@ def _growth_slopes(scheme: RungeKuttaScheme, kappa: float, gamma: float, step: f
     return step**2 * by_stiffness, step * by_damping
 
 
-def growth_step(scheme: RungeKuttaScheme, rates: NDArray[np.complex128], duration: float) -> float:
-    """Largest step [s] at which no mode grows by more than GROWTH in ``duration`` [s].
+def _growth_beyond(scheme: RungeKuttaScheme, rate: complex, step: float, duration: float) -> float:
+    """What a mode grows by in ``duration`` [s] in steps a little longer than the limit of ``step`` [s] [1]."""
+    longer = _BEYOND * step
+    factor = max(abs(complex(np.polyval(scheme.growth[::-1], longer * rate))), 1e-300)
+    return math.exp(min(max(duration / longer * math.log(factor), math.log(_SEEN)), math.log(GROWTH)))
 
-    ``rates`` [1/s], shape (M,), are those of x = exp(rate t).
+
+def mode_steps(scheme: RungeKuttaScheme, rates: NDArray[np.complex128], duration: float) -> FloatArray:
+    """Largest stable step [s] for every mode x = exp(rate t), rates [1/s] of shape (M,); infinity where it rests.
+
+    Up to there no step lets it grow: |R(h rate)| <= 1. Where a scheme lets what is not damped grow in every step, such
+    a mode has another limit in a run of ``duration`` [s]: what lets it grow by no more than GROWTH.
     """
-    rates = rates[np.abs(rates) > 0.0]
-    if not len(rates):
-        return np.inf
-    powers = np.array(scheme.growth[::-1])
-    most = math.log(GROWTH) / duration
+    steps = np.full(len(rates), np.inf)
+    always_grows = scheme.reach(1j) == 0.0
+    for number, rate in enumerate(rates):
+        length = abs(rate)
+        if length > 0.0:
+            reach = scheme.reach(rate / length)
+            if always_grows and -rate.real < _DAMPED * length:
+                reach = max(reach, _growing_reach(scheme, length * duration))
+            steps[number] = reach / length
+    return steps
 
-    def grow(steps: FloatArray) -> NDArray[np.bool_]:
-        with np.errstate(divide="ignore"):
-            growth = np.log(np.abs(np.polyval(powers, steps[:, None] * rates)))
-        return np.asarray((growth > most * steps[:, None]).any(axis=1))
 
-    # No polynomial stays below 1 as far out as this; but the run may be too short to see it.
-    steps = 100.0 / float(np.abs(rates).max()) * np.geomspace(_FINEST, 1.0, _GRID)
-    growing = grow(steps)
-    if not growing.any():
-        return np.inf
-    first = int(growing.argmax())
-    low, high = (0.0 if first == 0 else steps[first - 1]), steps[first]
+def _growing_reach(scheme: RungeKuttaScheme, angle: float) -> float:
+    """Largest w h at which a vibration without damping grows by GROWTH at most while w t runs through ``angle`` [1].
+
+    At least one turn of it: before that nothing shows whether it grows.
+    """
+    most = 2.0 * math.log(GROWTH) / max(angle, 2.0 * math.pi)
+    powers = scheme.excess(1j)[::-1]
+    low, high = 0.0, 2.0
     for _ in range(_REFINEMENTS):
         middle = 0.5 * (low + high)
-        low, high = (low, middle) if grow(np.array([middle]))[0] else (middle, high)
-    return float(low)
+        grows = middle * np.polyval(powers, middle) > math.expm1(most * middle)
+        low, high = (low, middle) if grows else (middle, high)
+    return low
 
 
 def accurate_step(

@@ -3,9 +3,14 @@
 import math
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from sandbox.scene.model import IntegratorName
 
 _EXACT = 1e-12
+_NEARLY_REAL = 1e-7
+"""Imaginary part of a root, of its length, that is rounding [1]."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +89,27 @@ class RungeKuttaScheme:
             for k, value in enumerate(powers[i]):
                 step[k + 1] += self.weights[i] * value
         return tuple(step)
+
+    def excess(self, direction: complex) -> NDArray[np.float64]:
+        """Coefficients of r^0, r^1, ... of (|R(z)|^2 - 1) / r for z = r ``direction``, which has length 1."""
+        terms = np.array(self.growth) * complex(direction) ** np.arange(self.stages + 1)
+        excess = np.convolve(terms, terms.conj()).real[1:]
+        # What rounding leaves of terms that cancel must not decide whether the shortest steps let y grow.
+        return np.asarray(np.where(np.abs(excess) < _EXACT, 0.0, excess))
+
+    def reach(self, direction: complex) -> float:
+        """How far out in a ``direction`` of length 1 no step multiplies by more than 1: the largest |z| [1].
+
+        0 where even the shortest steps let y grow. The boundary of the region of stability, section IV.2 of Hairer and
+        Wanner, Solving Ordinary Differential Equations II.
+        """
+        powers = self.excess(direction)[::-1]
+        roots = np.roots(powers)
+        ends = np.sort(roots.real[(np.abs(roots.imag) <= _NEARLY_REAL * np.abs(roots)) & (roots.real > 0.0)])
+        begins = np.concatenate([[0.0], ends])
+        between = 0.5 * (begins + np.concatenate([ends, [2.0 * begins[-1] + 1.0]]))
+        grows = np.polyval(powers, between) > 0.0
+        return float(begins[grows][0]) if grows.any() else math.inf
 
     predicts_velocity = False
 

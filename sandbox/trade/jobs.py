@@ -2,7 +2,7 @@
 
 from sandbox.trade.crew import Failed, Job
 from sandbox.trade.trial import Trial
-from sandbox.trade.worker import Outcome, Status, Timing, run_trial, time_trial
+from sandbox.trade.worker import Outcome, Status, Timing, look_ahead, run_trial, time_trial
 
 PASSES = 3
 """Passes over the horizon that a timing makes, if they fit into its time."""
@@ -21,6 +21,11 @@ def run_job(trial: Trial, more: float) -> Job:
 def timing_job(trial: Trial, most_seconds: float, cost: float, timeout: float) -> Job:
     """The timing of a trial for about ``most_seconds``; it takes some ``cost`` in all, at most ``timeout`` [s]."""
     return Job(trial.key, trial.group, cost, time_trial, (trial, PASSES, most_seconds), timeout)
+
+
+def look_ahead_job(trial: Trial) -> Job:
+    """A run that tells when bodies meet."""
+    return Job(f"{trial.key} ahead", trial.group, 0.0, look_ahead, (trial, RUN_MOST), RUN_MOST + GRACE)
 
 
 def outcome_of(result: Outcome | Failed) -> Outcome:

@@ -80,6 +80,14 @@ class Prospects:
             self._known[integrator] = self._look_at(integrator)
         return self._known[integrator]
 
+    def own_settings(self) -> Settings:
+        """Those of the scene itself, in steps that divide its pictures evenly."""
+        solver = self.scene.solver
+        dt = self.of(solver.integrator).dt if solver.dt == "auto" else float(solver.dt)
+        return Settings(
+            solver.integrator, whole_steps(dt, 1.0 / self.scene.render.fps), solver.precision, solver.iterations
+        )
+
     def accurate_step(self, integrator: IntegratorName, accuracy: float) -> float:
         """Step that keeps the slowest deformation true to an accuracy over its period [s], whatever it does else."""
         x, body = self.assembly.positions, self.assembly.particle_body

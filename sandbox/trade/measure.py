@@ -7,7 +7,7 @@ it is measured against.
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from sandbox.errors import DivergedError, SandboxError
 from sandbox.integrators.build import serial_work
@@ -15,9 +15,11 @@ from sandbox.integrators.schemes import SCHEMES
 from sandbox.scene.model import IntegratorName, Scene
 from sandbox.trade import norms
 from sandbox.trade.crew import Failed, Job, Slot, open_crew, work_off
-from sandbox.trade.jobs import PASSES, RUN_MOST, outcome_of, run_job, timing_job, timing_of
+from sandbox.trade.front import Standing, with_standing
+from sandbox.trade.jobs import PASSES, RUN_MOST, look_ahead_job, outcome_of, run_job, timing_job, timing_of
 from sandbox.trade.ladder import Choice, Prospects, ladder, run_seconds
 from sandbox.trade.norms import STATISTICS, Scale, Statistics
+from sandbox.trade.outlook import Event, Outlook
 from sandbox.trade.progress import Progress
 from sandbox.trade.record import Record
 from sandbox.trade.reference import Cache, Plan, Reference
@@ -30,14 +32,14 @@ HORIZON = 1.0
 _FEWEST_FRAMES = 6
 _BUDGET = 40.0
 """Estimated time on one core that a study takes by default [s]: a heavy scene is looked at for a shorter time."""
+_LATE = 3.0
+"""How many times that a study takes where what happens in the scene happens late [1]."""
+_LOOK_AHEAD = 30.0
+"""Estimated time on one core of the run that tells when it happens, at most [s]."""
 _LEVELS = 4
 """Levels of the reference that are run in any case."""
 _REFERENCE_BUDGET = 20.0
 """Estimated time on one core beyond which no finer level is run by default [s]."""
-_NEGLIGIBLE = 1e-9
-"""Bound of the reference that is good enough for anything: f64 rounds not far below [1]."""
-_SMALLEST = 10.0
-"""Smallest error that is told apart, in bounds of the reference's own [1]."""
 _BESIDE = 0.5
 """About what a run takes beside its steps [s]."""
 _TIMING_MOST = 0.6
@@ -80,8 +82,8 @@ class Row:
     """Least, median and most wall time of a simulated second [s]; nan where there is none."""
     frame_95: float
     """Wall time that 95 of 100 pictures stay within [s]."""
-    pareto: bool = False
-    """Whether no other setting is both faster and more accurate."""
+    standing: Standing = field(default_factory=Standing)
+    """Whether other settings are both faster and more accurate, as far as their timings tell."""
 
     @property
     def real_time_factor(self) -> float:
@@ -102,16 +104,13 @@ class Trade:
     """Time over which two references agree, and trajectories are compared [s]."""
     statistics_bound: Statistics
     """How far two references are apart in what is compared beyond."""
+    unseen: tuple[str, ...]
+    """What happens in the scene and was not looked at, a line each."""
 
     @property
     def smallest(self) -> float:
         """Smallest position error that is told apart [1]."""
-        return _smallest(self.reference)
-
-
-def _smallest(reference: Reference) -> float:
-    """Smallest position error that a reference tells apart [1]."""
-    return _SMALLEST * max(reference.bound, _NEGLIGIBLE)
+        return self.reference.smallest
 
 
 class Study:
@@ -128,9 +127,9 @@ class Study:
         self.frame = 1.0 / scene.render.fps
         self.rungs = ladder(self.prospects, options.choice)
         self.plan = Plan.of(self.prospects)
+        self.outlook = Outlook.planned(self.prospects.assembly)
         self.frames = self._frames()
-        values = self.prospects.assembly.positions.size
-        self.samples = even_samples(self.frames, max(4, min(24, 400_000 // max(values, 1))))
+        self.samples = self._choose_samples()
         self.levels: dict[int, Record] = {}
         self.outcomes: dict[Settings, Outcome] = {}
         self.timings: dict[Settings, Timing] = {}
@@ -149,7 +148,33 @@ class Study:
         levels = self.plan.seconds * (2**_LEVELS - 1)
         whole = wanted * levels + sum(self.cost(settings, wanted) for settings in self.rungs)
         frames = math.ceil(wanted / self.frame - 1e-9)
-        return max(min(_FEWEST_FRAMES, frames), int(frames * min(1.0, _BUDGET / whole)))
+        affordable = frames * _BUDGET / whole
+        least = max(min(_FEWEST_FRAMES, frames), int(min(frames, affordable)))
+        late = math.ceil(self.outlook.wanted(least * self.frame) / self.frame - 1e-9)
+        return max(least, min(late, int(_LATE * affordable)))
+
+    def _choose_samples(self) -> tuple[int, ...]:
+        values = self.prospects.assembly.positions.size
+        return even_samples(self.frames, max(4, min(24, 400_000 // max(values, 1))))
+
+    def look_ahead(self, slots: Sequence[Slot]) -> None:
+        """Find out when bodies meet; where it is late, and no horizon was asked for, look at as much as shows it."""
+        if self.outlook.until >= self.scene.duration:
+            return
+        self.tell(0.0, "looking ahead")
+        settings = self.prospects.own_settings()
+        seconds = min(self.scene.duration, _LOOK_AHEAD / self.cost(settings, 1.0))
+        frames = max(1, math.ceil(seconds / self.frame - 1e-9))
+        threads = self.threads_of(settings.integrator)
+        trial = Trial(settings.applied_to(self.scene), frames, (), self.options.arch, threads)
+
+        def done(_: Job, result: tuple[tuple[Event, ...], float] | Failed) -> None:
+            if not isinstance(result, Failed):
+                self.outlook = self.outlook.with_meetings(*result)
+
+        work_off(slots[:1], [look_ahead_job(trial)], done)
+        self.frames = self._frames()
+        self.samples = self._choose_samples()
 
     def cost(self, settings: Settings, horizon: float) -> float:
         """Estimated time of a run on one core [s]."""
@@ -267,7 +292,7 @@ class Study:
     def refine(self, slots: Sequence[Slot], wanted: Callable[[], float], most_seconds: float) -> Reference:
         """Refine the reference until its bound is a tenth of the error that is ``wanted()``, or the time is over."""
         reference = self.reference()
-        while reference.bound > max(wanted() / _SMALLEST, _NEGLIGIBLE):
+        while not reference.tells(wanted()):
             level = reference.level + 1
             if self.level_seconds(level) > most_seconds:
                 break
@@ -295,7 +320,7 @@ class Study:
     def row(self, settings: Settings, reference: Reference) -> Row:
         """All that is known of a setting."""
         outcome, timing = self.outcomes[settings], self.timings.get(settings, Timing())
-        error, smallest = self.error(settings, reference), _smallest(reference)
+        error, smallest = self.error(settings, reference), reference.smallest
         last = self.predictable_frames(reference)
         record = outcome.record
         return Row(
@@ -329,12 +354,18 @@ class Study:
         previous = self.levels[reference.level - 1]
         return Trade(
             scene=self.scene,
-            rows=tuple(with_pareto(rows)),
+            rows=tuple(with_standing(rows)),
             reference=reference,
             horizon=self.horizon,
             predictable=self.predictable_frames(reference) * self.frame,
             statistics_bound=self.compare(previous, reference),
+            unseen=self.unseen(reference),
         )
+
+    def unseen(self, reference: Reference) -> tuple[str, ...]:
+        """What happens in the scene and was not looked at, or is not predictable, a line each."""
+        predictable = self.predictable_frames(reference) * self.frame
+        return tuple(self.outlook.unseen(self.horizon, predictable, self.frame))
 
 
 NOTHING = Statistics(**dict.fromkeys(STATISTICS, math.nan))
@@ -347,13 +378,14 @@ def measure(scene: Scene, options: Options, store: Store, progress: Progress = l
     Raises SceneError where the scene cannot be built, DivergedError where it has no reference.
     """
     study = Study(scene, options, store, progress)
-    levels = study.first_levels()
     rungs = study.rungs
-    errors = sum(study.trial(settings).cost for settings in rungs)
-    reference_seconds = study.level_seconds(len(levels)) - study.level_seconds(0)
-    timings = sum(timing_cost(study.trial(settings).cost) for settings in rungs) if options.times else 0.0
-    study.expect(errors + reference_seconds + timings)
     with open_crew(options.workers, options.cluster) as slots:
+        study.look_ahead(slots)
+        levels = study.first_levels()
+        errors = sum(study.trial(settings).cost for settings in rungs)
+        reference_seconds = study.level_seconds(len(levels)) - study.level_seconds(0)
+        timings = sum(timing_cost(study.trial(settings).cost) for settings in rungs) if options.times else 0.0
+        study.expect(errors + reference_seconds + timings)
         study.run(slots, rungs, levels)
         reference = study.refine(slots, lambda: study.smallest_error(rungs), _REFERENCE_BUDGET)
     if options.times:
@@ -366,17 +398,3 @@ def measure(scene: Scene, options: Options, store: Store, progress: Progress = l
 def timing_cost(run_cost: float) -> float:
     """About how long a trial is timed that runs for so long [s]."""
     return min(PASSES * run_cost, _TIMING_MOST) + 0.3
-
-
-def with_pareto(rows: Sequence[Row]) -> list[Row]:
-    """The rows with those marked that no other one beats in time and error both."""
-
-    def beaten(row: Row) -> bool:
-        return any(
-            other.seconds[1] <= row.seconds[1]
-            and other.error <= row.error
-            and (other.seconds[1] < row.seconds[1] or other.error < row.error)
-            for other in rows
-        )
-
-    return [replace(row, pareto=math.isfinite(row.seconds[1] + row.error) and not beaten(row)) for row in rows]

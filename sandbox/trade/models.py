@@ -113,6 +113,8 @@ class ModelTrade:
     """Smallest position error that is told apart [1]."""
     statistics_bound: Statistics
     """How far two references are apart in what is compared beyond."""
+    unseen: tuple[str, ...]
+    """What happens in the scene and was not looked at, a line each."""
 
     def plain(self) -> dict[str, Any]:
         """As plain data, for JSON."""
@@ -125,6 +127,7 @@ class ModelTrade:
             "statistics_bound": asdict(self.statistics_bound),
             "rows": [row.plain() for row in self.rows],
             "left_out": list(self.left_out),
+            "warnings": list(self.unseen),
         }
 
 
@@ -156,7 +159,6 @@ class ModelStudy:
         self.options, self.store, self.progress, self._part = options, store, progress, 0.0
         # The reference is the first third of the work, by count of what is run; no more is known before.
         self.study = Study(scene, own, store, lambda done, what: self._tell(done / 3.0, what))
-        self.study.expect(self.study.plan.seconds * (2**_LEVELS - 1) * self.study.horizon + 0.5 * _LEVELS)
         whole = self.study.prospects.assembly
         self.found = find_variants(whole)
         self.models = [self._model(WHOLE, "all parts of it", None, scene, self.study.prospects)]
@@ -191,6 +193,8 @@ class ModelStudy:
 
     def run(self, slots: Sequence[Slot]) -> Reference:
         """Run all models, and the reference until it tells the whole scene's own error."""
+        self.study.look_ahead(slots)
+        self.study.expect(self.study.level_seconds(_LEVELS) + 0.5 * _LEVELS)
         self.study.run(slots, (), range(_LEVELS))
         self.study.reference()  # nothing is worth running without one
         self._run(slots, self.models)
@@ -284,6 +288,7 @@ class ModelStudy:
             predictable=base.predictable,
             smallest=base.smallest,
             statistics_bound=base.statistics_bound,
+            unseen=base.unseen,
         )
 
     def _row(self, model: _Model, reference: Reference, smallest: float) -> ModelRow:

@@ -49,7 +49,7 @@ def draw(trade: Trade, path: Path, title: str) -> None:
     lines = _lines(trade.rows)
     for line in lines:
         _draw_line(axis, line)
-    _draw_front(axis, [row for row in trade.rows if row.pareto])
+    _draw_front(axis, [row for row in trade.rows if row.standing.pareto])
     _frame(axis, trade)
     _draw_unstable(axis, lines)
     heading = f"{title}: what a millisecond buys, over {trade.horizon:.3g} s"
@@ -90,12 +90,18 @@ def _draw_line(axis: Any, line: _Line) -> None:
 
 
 def _draw_front(axis: Any, rows: list[Row]) -> None:
-    """What no other setting beats: a staircase behind the lines."""
-    if not rows:
-        return
-    rows = sorted(rows, key=lambda row: row.seconds[1])
-    x, y = [row.seconds[1] for row in rows], [row.error for row in rows]
-    axis.step(x, y, where="post", color="#f0c000", alpha=0.45, linewidth=6.0, zorder=0, label="Pareto front")
+    """What no other setting beats: a staircase behind the lines, and rings around what timings leave open."""
+    sure = sorted((row for row in rows if row.standing.certain), key=lambda row: row.seconds[1])
+    if sure:
+        x, y = [row.seconds[1] for row in sure], [row.error for row in sure]
+        axis.step(x, y, where="post", color="#f0c000", alpha=0.45, linewidth=6.0, zorder=0, label="Pareto front")
+    open_ones = [row for row in rows if not row.standing.certain]
+    if open_ones:
+        x, y = [row.seconds[1] for row in open_ones], [row.error for row in open_ones]
+        axis.plot(
+            x, y, linestyle="none", marker="o", markersize=12.0, markerfacecolor="none", markeredgecolor="#f0c000",
+            markeredgewidth=2.0, zorder=0, label="on it or not: times overlap",
+        )  # fmt: skip
 
 
 def _frame(axis: Any, trade: Trade) -> None:

@@ -27,6 +27,10 @@ _IMPLICIT_ACCURACY = 1e-4
 _LEAST_ORDER = 0.25
 """Order below which halvings are taken to lead nowhere [1]."""
 _NOTHING = 1e-300
+_NEGLIGIBLE = 1e-9
+"""Bound that is good enough for anything: f64 rounds not far below [1]."""
+_SMALLEST = 10.0
+"""Smallest error that is told apart, in bounds of the reference's own [1]."""
 _MOST_CACHE = 2e9
 """Size of all levels on disk beyond which the oldest go [bytes]."""
 
@@ -80,6 +84,15 @@ class Reference:
     """Bound of its own position error over those samples [1]."""
     differences: tuple[float, ...]
     """What every halving changed over those samples [1]."""
+
+    @property
+    def smallest(self) -> float:
+        """Smallest position error of others that it tells apart [1]."""
+        return _SMALLEST * max(self.bound, _NEGLIGIBLE)
+
+    def tells(self, error: float) -> bool:
+        """Whether it tells such an error of others apart [1], or no refinement would."""
+        return self.bound <= max(error / _SMALLEST, _NEGLIGIBLE)
 
     @classmethod
     def of(cls, plan: Plan, scale: Scale, levels: dict[int, Record]) -> "Reference":

@@ -12,6 +12,7 @@ from sandbox.output.folder import RunFolder
 from sandbox.scene.load import to_toml
 from sandbox.scene.model import Scene
 from sandbox.trade.crew import open_crew
+from sandbox.trade.front import by_time
 from sandbox.trade.measure import Options, Row, Study, Trade, measure
 from sandbox.trade.models import ModelTrade, measure_models
 from sandbox.trade.progress import progress_bar
@@ -88,7 +89,7 @@ def report_tuned(
             search, goal = (tune_error, target.error) if target.error else (tune_budget, target.budget)
             assert goal is not None
             tuned = search(study, slots, timer, goal)
-        folder.write_text("tuned.toml", tuned.row.settings.fragment())
+        folder.write_text("tuned.toml", tuned_fragment(target, tuned, study.horizon))
         folder.write_json("tune.json", tuned_data(name, target, tuned, study.horizon))
     return tuned, study.horizon, path
 
@@ -105,23 +106,35 @@ def tuned_data(name: str, target: Target, tuned: Tuned, horizon: float) -> dict[
         "timed": tuned.timed,
         "grid": tuned.grid,
         "found": row_data(tuned.row),
+        "as_fast": [row.settings.label for row in tuned.as_fast],
         "others": [row_data(row) for row in tuned.others],
+        "warnings": list(tuned.unseen),
     }
 
 
-def tuned_summary(tuned: Tuned, horizon: float) -> str:
-    """What was found, in lines that TOML takes for comments."""
+def tuned_fragment(target: Target, tuned: Tuned, horizon: float) -> str:
+    """The settings that were found as TOML, and what to know of them in comments."""
     row, bound = tuned.row, tuned.reference.bound
     low, middle, high = row.seconds
     error = percent(row.error) + (f" +- {percent(bound)}" if row.resolved else " at most")
-    beyond = ""
-    if tuned.predictable < 0.999 * horizon:
-        beyond = f"# chaotic after {tuned.predictable:.3g} of {horizon:.3g} s: no error is known from there on\n"
-    return (
-        f"# over {tuned.predictable:.3g} s: error {error} of the body's size; {1e3 * middle:.3g} ms a simulated second "
-        f"({1e3 * low:.3g} to {1e3 * high:.3g}), 95 of 100 pictures within {1e3 * row.frame_95:.3g} ms, drawing apart\n"
-        f"# {tuned.trials} settings run and {tuned.timed} timed, of {tuned.grid} that a full grid has\n{beyond}"
+    wanted = (
+        f"the most accurate of those that simulate 95 of 100 pictures within {1e3 * target.budget:.3g} ms"
+        if target.budget
+        else f"the cheapest of those within {percent(target.error or math.nan)} of the body's size"
     )
+    lines = [
+        f"{wanted}, over {tuned.predictable:.3g} s",
+        f"error {error} of the body's size; {1e3 * middle:.3g} ms a simulated second ({1e3 * low:.3g} to "
+        f"{1e3 * high:.3g}), 95 of 100 pictures within {1e3 * row.frame_95:.3g} ms, drawing apart",
+        f"{tuned.trials} settings run and {tuned.timed} timed, of {tuned.grid} that a full grid has",
+    ]
+    if tuned.as_fast and not target.budget:
+        others = ", ".join(f"{other.settings.label} ({percent(other.error)})" for other in tuned.as_fast)
+        lines.append(f"as fast, for all that timings tell: {others}")
+    if tuned.predictable < 0.999 * horizon:
+        lines.append(f"chaotic after {tuned.predictable:.3g} of {horizon:.3g} s: no error is known from there on")
+    lines += [f"warning: {line}" for line in tuned.unseen]
+    return "".join(f"# {line}\n" for line in lines) + row.settings.fragment()
 
 
 def write(name: str, trade: Trade, folder: RunFolder) -> None:
@@ -153,7 +166,9 @@ def row_data(row: Row) -> dict[str, Any]:
         "seconds_high": high,
         "frame_95": row.frame_95,
         "real_time_factor": row.real_time_factor,
-        "pareto": row.pareto,
+        "pareto": row.standing.pareto,
+        "pareto_is_certain": row.standing.certain,
+        "time_ties": row.standing.ties,
         "message": row.message,
     }
 
@@ -175,6 +190,7 @@ def trade_data(name: str, trade: Trade) -> dict[str, Any]:
         "smallest_error": trade.smallest,
         "statistics_bound": asdict(trade.statistics_bound),
         "rows": [row_data(row) for row in trade.rows],
+        "warnings": list(trade.unseen),
     }
 
 
@@ -191,12 +207,14 @@ def _is_missing(value: Any) -> bool:
 
 
 def table(rows: Iterable[Row]) -> list[tuple[str, ...]]:
-    """Rows as text under COLUMNS, the fastest first; what diverged at the end."""
-    ordered = sorted(rows, key=lambda row: (math.isnan(row.error), row.seconds[1] if row.seconds[1] > 0.0 else 0.0))
-    return [_cells(row) for row in ordered]
+    """Rows as text under COLUMNS, the fastest first; what diverged at the end.
+
+    A time that may be no longer than that of the row above is marked as such.
+    """
+    return [_cells(row, slower) for row, slower in by_time(list(rows))]
 
 
-def _cells(row: Row) -> tuple[str, ...]:
+def _cells(row: Row, slower: bool) -> tuple[str, ...]:
     error = "" if math.isnan(row.error) else f"{'' if row.resolved else '< '}{percent(row.error)}"
     return (
         str(row.settings.integrator),
@@ -205,9 +223,9 @@ def _cells(row: Row) -> tuple[str, ...]:
         f"{1e3 * row.settings.dt:.4g}",
         error,
         percent(row.energy_error),
-        milliseconds(row.seconds),
+        ("" if slower else "~ ") + milliseconds(row.seconds),
         "" if math.isnan(row.real_time_factor) else f"{row.real_time_factor:.3g}",
-        "Pareto" if row.pareto else "" if math.isfinite(row.error) else str(row.status),
+        row.standing.word if math.isfinite(row.error) else str(row.status),
     )
 
 
@@ -223,4 +241,16 @@ def summary(trade: Trade | ModelTrade) -> str:
             f"two references agree for {trade.predictable:.3g} s: positions and energies are compared up to there, "
             "statistics from there on"
         )
+    if isinstance(trade, Trade) and (noise := noise_line(trade.rows)):
+        lines.append(noise)
     return "\n".join(lines)
+
+
+def noise_line(rows: Sequence[Row]) -> str:
+    """What timings do not tell, for readers of a table; nothing where they tell all."""
+    tied = sum(not slower for _, slower in by_time(rows))
+    unsure = sum(row.standing.pareto and not row.standing.certain for row in rows)
+    if not tied:
+        return ""
+    line = f"times of {tied} rows are not told apart from those of the row above (~): their repetitions overlap"
+    return line + (f"; so {unsure} may be on the front or not (Pareto?)" if unsure else "")

@@ -1,5 +1,6 @@
 """One run of a study: a scene with its settings, what is looked at of it, and a name that is the same everywhere."""
 
+import contextlib
 import functools
 import hashlib
 import json
@@ -102,11 +103,16 @@ def even_samples(frames: int, most: int) -> tuple[int, ...]:
 
 @functools.cache
 def engine_digest() -> str:
-    """Changes with whatever may change a trajectory: the version and the sources of the engine."""
+    """Changes with whatever may change a trajectory: the version, and every source file of the package."""
+    return sources_digest(_PACKAGE)
+
+
+def sources_digest(package: Path) -> str:
+    """Of the version and of names and contents of all Python files under a folder, wherever they are in it."""
     digest = hashlib.sha256(__version__.encode())
-    for folder in ("", "forces", "contact", "contact/colliders", "integrators", "scene", "scene/model"):
-        for path in sorted((_PACKAGE / folder).glob("*.py")):
-            digest.update(path.read_bytes())
+    for path in sorted(package.rglob("*.py")):
+        for part in (path.relative_to(package).as_posix().encode(), path.read_bytes()):
+            digest.update(f"{len(part)}:".encode() + part)
     return digest.hexdigest()[:16]
 
 
@@ -114,7 +120,16 @@ def _plain(scene: Scene) -> dict[str, Any]:
     """What of a scene decides on its trajectory."""
     plain = scene.model_dump(mode="json", exclude={"title", "description", "duration"})
     plain["render"] = {"fps": scene.render.fps}
+    named = [getattr(part, "file", None) for part in (*(body.shape for body in scene.bodies), *scene.colliders)]
+    plain["files"] = [_file_digest(file) for file in named if file is not None]
     return plain
+
+
+def _file_digest(file: str) -> str:
+    """Of the contents of a mesh file; nothing where there is none, which is an error of the run's own."""
+    with contextlib.suppress(OSError):
+        return hashlib.sha256(Path(file).read_bytes()).hexdigest()[:24]
+    return ""
 
 
 def _digest(**parts: Any) -> str:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from sandbox.errors import SandboxError
 from sandbox.scene.model import Precision
 from sandbox.trade.crew import Slot
+from sandbox.trade.front import is_tied
 from sandbox.trade.ladder import LIMITED, UNLIMITED, Prospect, ladder, whole_steps
 from sandbox.trade.measure import Row, Study
 from sandbox.trade.reference import Reference
@@ -159,6 +160,13 @@ class Tuned:
     """Settings that were timed."""
     grid: int
     """Settings that a full grid has."""
+    unseen: tuple[str, ...]
+    """What happens in the scene and was not looked at, a line each."""
+
+    @property
+    def as_fast(self) -> tuple[Row, ...]:
+        """Other finalists whose times do not tell that they are slower."""
+        return tuple(row for row in self.others if is_tied(row, self.row))
 
 
 class _Search:
@@ -214,6 +222,7 @@ def tune_error(study: Study, slots: Sequence[Slot], timer: Slot, error: float) -
 
     Raises SandboxError where nothing that was tried is so accurate, or the scene cannot be predicted at all.
     """
+    study.look_ahead(slots)
     search = _Search(study, slots, timer, study.options.choice.iterations)
     study.run(slots, (), range(4))
     reference = study.refine(slots, lambda: error, _REFERENCE_SECONDS)
@@ -277,6 +286,7 @@ def tune_budget(study: Study, slots: Sequence[Slot], timer: Slot, budget: float)
 
     Raises SandboxError where none does.
     """
+    study.look_ahead(slots)
     search = _Search(study, slots, timer, study.options.choice.iterations)
     # In both precisions: what does not fit in one of them may well fit in the other.
     lines = [*search.lines, *search.doubles()]
@@ -327,4 +337,5 @@ def _tuned(study: Study, rows: list[Row], reference: Reference) -> Tuned:
         trials=len(study.outcomes),
         timed=len(study.timings),
         grid=len(ladder(study.prospects, choice)),
+        unseen=study.unseen(reference),
     )

@@ -8,6 +8,7 @@ from enum import StrEnum
 from sandbox import runtime
 from sandbox.errors import DivergedError, SandboxError
 from sandbox.simulation import Simulation
+from sandbox.trade.outlook import Event, meetings
 from sandbox.trade.record import Record, record
 from sandbox.trade.trial import Trial
 
@@ -56,6 +57,9 @@ class Timing:
         """Wall time that this part of all pictures stays within [s]; nan without any."""
         frames = sorted(seconds for frames in self.passes for seconds in frames)
         return frames[min(len(frames) - 1, math.ceil(part * len(frames)) - 1)] if frames else math.nan
+
+
+_FEWEST_PASSES = 2
 
 
 @dataclass
@@ -116,19 +120,39 @@ def run_trial(trial: Trial, most_seconds: float) -> Outcome:
     return Outcome(Status.DONE, record=kept, seconds=(clock.perf_counter() - timed[0]) * len(begun) / len(timed))
 
 
+def look_ahead(trial: Trial, most_seconds: float) -> tuple[tuple[Event, ...], float]:
+    """First meetings in a trial, and the time up to which it came in about ``most_seconds`` [s]."""
+    begun: list[float] = []
+
+    def check() -> bool:
+        begun.append(clock.perf_counter())
+        # The first picture compiles.
+        return begun[-1] - begun[min(1, len(begun) - 1)] > most_seconds
+
+    try:
+        return meetings(_held.take(trial), trial.frames, check)
+    except SandboxError:
+        return (), 0.0
+
+
 def time_trial(trial: Trial, passes: int, most_seconds: float) -> Timing:
-    """Time a trial's pictures, compiled before; passes end early once ``most_seconds`` are spent."""
+    """Time a trial's pictures, compiled before, in about ``most_seconds``.
+
+    Passes end early where all together would take longer. There are two at least: one alone tells nothing of how far
+    times differ by chance.
+    """
     taken: list[tuple[float, ...]] = []
     try:
         simulation = _held.take(trial)
         simulation.step_frame()  # compiles what is not compiled yet, and fills caches
         start = clock.perf_counter()
-        for _ in range(passes):
+        for number in range(passes):
             simulation.restore()
             simulation.dt = float(trial.scene.solver.dt)
-            taken.append(_time_pass(simulation, trial.frames, start + most_seconds))
-            if clock.perf_counter() - start > 0.7 * most_seconds:
+            now = clock.perf_counter()
+            if number >= _FEWEST_PASSES and now - start > most_seconds * number / passes:
                 break
+            taken.append(_time_pass(simulation, trial.frames, now + most_seconds / passes))
     except SandboxError as error:
         return Timing(message=str(error))
     return Timing(tuple(taken), fps=trial.scene.render.fps)

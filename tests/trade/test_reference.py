@@ -1,16 +1,18 @@
 """The bound of a reference, its cache, and the names of trials."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import sandbox
 from sandbox.scene.model import IntegratorName, Precision
 from sandbox.trade.ladder import Prospects
 from sandbox.trade.norms import Scale
 from sandbox.trade.record import Record
 from sandbox.trade.reference import Cache, Plan, Reference
-from sandbox.trade.trial import Settings, Trial, even_samples
+from sandbox.trade.trial import Settings, Trial, engine_digest, even_samples, sources_digest
 from tests.conftest import make_scene
 
 
@@ -76,6 +78,46 @@ def test_names_of_trials():
     shorter = Trial(replace(settings, dt=5e-4).applied_to(box()), 5, (5,))
     assert trial.key != shorter.key and trial.group == shorter.group
     assert trial.group != Trial(replace(settings, precision=Precision.F32).applied_to(box()), 5, (5,)).group
+
+
+def test_names_of_trials_know_what_is_in_mesh_files(tmp_path):
+    """Same scene, same path, another mesh: not the same trial."""
+    corners = [f"v {x} {y} {z}" for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+    quads = ("1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4")
+    file = tmp_path / "box.obj"
+    shape = {"kind": "mesh", "file": str(file), "cells": 3}
+    collider = {"kind": "mesh", "file": str(file)}
+    for parts in (
+        {"bodies": [{"name": "box", "shape": shape, "material": {"youngs_modulus": 1e4}}]},
+        {"bodies": [{"name": "point", "shape": {"kind": "custom", "points": [[0, 3, 0]]}}], "colliders": [collider]},
+    ):
+        keys = set()
+        for height in ("", "v 0.5 2 0.5\n"):
+            file.write_text("\n".join([*corners, height + "\n".join(f"f {quad}" for quad in quads)]) + "\n")
+            keys.add(Trial(make_scene(dimension=3, **parts), 5, (5,)).key)
+        assert len(keys) == 2
+
+
+def test_every_source_file_of_the_package_is_in_the_digest(tmp_path):
+    """Bytes, names and places of all of them, however deep."""
+    package = Path(sandbox.__file__).parent
+    for path in package.rglob("*.py"):
+        copy = tmp_path / path.relative_to(package)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        copy.write_bytes(path.read_bytes())
+    seen = {sources_digest(tmp_path)}
+    assert seen == {engine_digest()}
+    folders = {path.parent for path in tmp_path.rglob("*.py")}
+    assert {"actions", "shapes", "trade"} <= {folder.name for folder in folders}
+    for folder in folders:
+        path = min(folder.glob("*.py"))
+        contents = path.read_bytes()
+        path.write_bytes(contents + b"#")
+        seen.add(sources_digest(tmp_path))
+        path.write_bytes(contents)
+    assert len(seen) == 1 + len(folders)
+    (tmp_path / "actions/actor.py").rename(tmp_path / "actions/other.py")
+    assert sources_digest(tmp_path) not in seen
 
 
 def test_samples_are_even_and_end_at_the_end():

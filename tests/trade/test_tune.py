@@ -6,6 +6,7 @@ import tomllib
 
 import pytest
 
+from sandbox.cli_options import part_of_one
 from sandbox.scene.model import IntegratorName, Precision
 from sandbox.trade.ladder import Prospect, whole_steps
 from sandbox.trade.tune import Line, _proposals
@@ -80,6 +81,11 @@ def test_what_would_take_longer_than_the_best_is_not_tried():
     assert _proposals([cheap, dear], 1e-2) == {}
 
 
+@pytest.mark.parametrize(("text", "part"), [("1%", 0.01), ("150%", 1.5), ("0.5", 0.5), (".02", 0.02), ("1e-3", 1e-3)])
+def test_errors_in_percent_and_as_parts_of_one(text, part):
+    assert part_of_one("--error", text) == pytest.approx(part)
+
+
 @pytest.mark.slow
 def test_the_command_writes_settings_that_run_takes(tmp_path, run_cli, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
@@ -92,7 +98,10 @@ def test_the_command_writes_settings_that_run_takes(tmp_path, run_cli, monkeypat
     assert tomllib.loads((tmp_path / "fast.toml").read_text())["solver"] == found
     data = json.loads((tmp_path / "outputs/chain-tune/tune.json").read_text())
     assert data["found"]["error"] + data["reference_bound"] <= 1e-3
-    assert data["trials"] < data["grid"]
+    assert data["trials"] < data["grid"] and data["warnings"] == []
+    written = (tmp_path / "outputs/chain-tune/tuned.toml").read_text()
+    assert written == (tmp_path / "fast.toml").read_text() == printed
+    assert written.startswith("# the cheapest of those within 0.1 % of the body's size, over 0.3 s\n")
     out = ("--out", "out", "--renderer", "none", "--seconds", "0.1", "--quiet")
     assert run_cli("run", "chain.toml", "--with", "fast.toml", *out) == (0, "", "")
     assert json.loads((tmp_path / "out/summary.json").read_text())["integrator"] == found["integrator"]
@@ -110,6 +119,9 @@ def test_the_command_writes_settings_that_run_takes(tmp_path, run_cli, monkeypat
         ([], "tune: give either --error, such as 1%, or --budget, such as 16ms"),
         (["--error", "1%", "--budget", "16ms"], "tune: give either --error, such as 1%, or --budget, such as 16ms"),
         (["--error", "1ms"], "--error 1ms: must be a number with %, no unit"),
+        (["--error", "1"], "--error 1: 1 is 100 %; write 1% or 0.01"),
+        (["--error", "2.5"], "--error 2.5: 2.5 is 250 %; write 2.5% or 0.025"),
+        (["--error", "1.0 "], "--error 1.0 : 1 is 100 %; write 1% or 0.01"),
         (["--error", "0%"], "--error 0%: must be > 0"),
         (["--error", "nan"], "--error nan: must be > 0"),
         (["--budget", "16"], "--budget 16: must be a number with ms, s, us"),

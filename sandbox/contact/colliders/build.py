@@ -96,6 +96,13 @@ def _build(builder: ti.FieldsBuilder, assembly: Assembly, state: ParticleState) 
     return built
 
 
+def collider_order(assembly: Assembly) -> list[int]:
+    """Indices in the scene of all solids, in the order of :attr:`Colliders.solids` and of those within each."""
+    moves = {index: motion_of(collider, assembly.dimension) for index, collider in enumerate(assembly.colliders)}
+    moving = {index: motion for index, motion in moves.items() if motion is not None}
+    return [index for group in _groups(assembly, moving) for index in group]
+
+
 def _groups(assembly: Assembly, moving: dict[int, Motion]) -> list[list[int]]:
     """Indices of colliders that one loop can handle: of one kind and surface, all moving or all still."""
     groups: dict[Any, list[int]] = {}
