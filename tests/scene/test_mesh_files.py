@@ -144,6 +144,15 @@ def test_sets_of_cubes_are_faced_outward(seed: int) -> None:
         assert union_volume(cubes.points, faced) == pytest.approx(occupied.sum(), rel=1e-5)
 
 
+def test_a_sheet_with_two_faces_is_not_closed(tmp_path: Path) -> None:
+    """A box without a lid, every triangle from both sides: nothing is inside it, though every edge is met both ways."""
+    vertices, faces = cube()
+    chance = np.random.default_rng(1)
+    both = np.concatenate([faces[2:], faces[2:, ::-1]])[chance.permutation(20)]
+    surface = load_surface(Mesh(kind="mesh", file=as_obj(tmp_path, (vertices, both))))
+    assert surface.gaps.startswith("4 edges with a triangle on one side only") and len(surface.triangles) == 10
+
+
 def test_features_are_not_welded_away(tmp_path: Path) -> None:
     """A step of 2e-7 of the size on a closed solid stays, as do two parts that are 1e-7 apart."""
     points = POINTS.copy()

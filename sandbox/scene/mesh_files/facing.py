@@ -97,7 +97,13 @@ def face_outward(vertices: FloatArray, triangles: IntArray) -> tuple[IntArray, i
 
 
 def encloses(vertices: FloatArray, triangles: IntArray) -> bool:
-    """Whether a mesh is closed, and some part of it is more than a sheet with two faces."""
+    """Whether a mesh is closed, and more than sheets with two faces: then so is what is left without these."""
+    if not is_closed(triangles):
+        return False
+    odd = (np.diff(triangles[:, [0, 1, 2, 0]], axis=1) > 0).sum(axis=1) == 1
+    _, same = np.unique(np.sort(triangles, axis=1), axis=0, return_inverse=True)
+    same = same.reshape(-1)
+    triangles = triangles[np.bincount(same, np.where(odd, 1, -1))[same] != 0]
     if not is_closed(triangles):
         return False
     size = float(np.ptp(vertices, axis=0).max())
