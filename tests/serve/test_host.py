@@ -250,3 +250,31 @@ def test_a_viewer_that_does_not_look_slows_nobody_and_is_not_sent_old_pictures(h
     slow.look_around(), quick.look_around()
     assert np.array_equal(slow.vertices[CUBE], quick.vertices[CUBE])
     assert quick.updates - seen > 0.7 * sent
+
+
+BARE = {
+    "rope": {"kind": "rope", "from": [0, 1, 0], "to": [1, 1, 0], "segments": 9},
+    "point": {"kind": "custom", "points": [[0, 1, 0]], "masses": [1]},
+    "ring": {"kind": "ring", "radius": 0.4, "segments": 13},
+    "late": {"kind": "ball", "radius": 0.4, "cells": 3},
+}
+"""All that a scene has: some have no surface, some lie in the plane, one enters later."""
+
+
+@pytest.mark.parametrize("name", BARE)
+def test_any_scene_is_served(name):
+    dimension = 3 if name in ("rope", "point") else 2
+    body = {"name": name, "shape": BARE[name], "position": [0, 1, 0][:dimension]}
+    if name != "point":
+        body["material"] = {"stiffness": 1e3, "mass": 0.1}
+    ground = {"kind": "half_space", "point": [0, 0, 0][:dimension], "normal": [0, 1, 0][:dimension]}
+    enters = [{"kind": "spawn", "time": 0.5, "body": "late"}] if name == "late" else []
+    listening = open_port("127.0.0.1", 0)
+    with serving(listening, Access.of("127.0.0.1")) as server:
+        scene = make_scene(dimension=dimension, bodies=[body], colliders=[ground], actions=enters)
+        host = Host(Session(scene), server, pictures=30.0)
+        host.warm_up()
+        viewer = Viewer(listening.getsockname()[1])
+        wait_for(host, lambda: host.session.ticks > 2 and host.pictures > 2, seconds=20.0)
+        viewer.vanish()
+        host.session.simulation.suspend()
