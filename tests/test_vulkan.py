@@ -167,7 +167,7 @@ def test_no_field_lies_over_another():
     builder = runtime.fields_builder()
     kinds = [lambda kind=kind: ti.field(kind) for kind in (ti.i32, ti.f64, ti.f32, ti.i64)]
     kinds += [lambda kind=kind: ti.Vector.field(3, kind) for kind in (ti.f32, ti.f64)]
-    shapes = [(3,), (1, 5), (4, 7), (3, 5, 7), (1,)]
+    shapes = [(3,), (1, 5), (3, 5, 7)]
     fields = [place(builder, kind(), *shape) for shape in shapes for kind in kinds]
     tree = builder.finalize()
     for number, field in enumerate(fields):
@@ -196,11 +196,13 @@ def test_functions_in_double_precision(scale):
     np.testing.assert_allclose(values, [np.sin(x), np.cos(x), np.exp(x), np.log(np.abs(x))], rtol=1e-15, atol=3e-16)
 
 
-def test_a_device_without_doubles_is_refused(refuses, monkeypatch):
+def test_a_device_without_doubles_is_refused(monkeypatch):
     """Rather than with whatever Taichi says when it comes to the first of them."""
     monkeypatch.setattr(runtime, "_has_doubles", lambda: False)
     runtime.stop()
-    refuses("arch 'vulkan': the device has no numbers of 64 bits; use --arch cpu", "run", "rope", "--arch", "vulkan")
+    with pytest.raises(RuntimeUnavailableError, match="arch 'vulkan': the device has no numbers of 64 bits"):
+        runtime.start("vulkan")
+    runtime.start("cpu")
 
 
 def test_without_a_driver_one_line_says_so(tmp_path):
