@@ -18,7 +18,11 @@ from sandbox.warning_log import WARNING
 SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="A preset's name, or a path to a TOML file.")]
 SetOption = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Change a value of the scene, e.g. solver.dt=1e-4. Repeatable."),
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change a value of the scene, e.g. solver.dt=1e-4 or bodies.jelly.color=tomato. Repeatable.",
+    ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="JSON on standard output, and nothing else there.")]
 WithOption = Annotated[

@@ -9,9 +9,19 @@ import pytest
 
 from sandbox import Simulation, load_scene, preset_paths
 from sandbox.balance import EnergyBalance
+from sandbox.scene.assemble import assemble
 from tests.presets.checks_a import CHECKS_A
 from tests.presets.checks_b import CHECKS_B
 from tests.presets.checks_c import CHECKS_C
+
+
+def test_the_clamps_of_surgery_have_no_free_particle_inside():
+    """It would be pushed out in the first step, with a strain of a fifth and energy from nothing."""
+    assembly = assemble(load_scene("surgery"))
+    free = assembly.positions[assembly.inverse_masses > 0.0]
+    for clamp in assembly.scene.colliders[1:]:
+        away = np.abs(free - np.asarray(clamp.position)) - 0.5 * np.asarray(clamp.size)
+        assert (away > 0.0).any(axis=1).all()
 
 
 def jelly_rests_on_the_ground(simulation: Simulation, history: list, snapshots: list) -> None:
