@@ -20,6 +20,8 @@ from sandbox.integrators.block_sums import BlockSums
 from sandbox.state import ParticleState, place
 
 FALL, SIZE = 0, 1
+_DREGS = 1e-2
+"""Part of what rounding leaves of a residual that no direction is worth looking for below [1]."""
 
 
 @ti.data_oriented
@@ -244,6 +246,8 @@ class ConjugateGradients:
             r = self.residual[i] - alpha * self.image[i]
             z = self.vector(0.0)
             if self.state.inverse_mass[i] > 0.0:
+                for resting in ti.static(self.resting):
+                    r = resting.filter(i, r)
                 z = self.precondition(i, r)
             self.residual[i] = r
             self.image[i] = z
@@ -262,6 +266,8 @@ class ConjugateGradients:
         if self.count[0] == 0:
             self.goal[0] = ti.max(self.ratio[0] * self.size[0], self.enough[0])
             self.goal[0] = ti.min(self.goal[0], self.least[0] * self.size[0])
+            # Of a guess that is right to rounding nothing is left but that: directions made of it may lead anywhere.
+            self.goal[0] = ti.max(self.goal[0], _DREGS * self.noise[0])
         else:
             self.beta[0] = fall / self.fall[0]
         self.fall[0] = fall
