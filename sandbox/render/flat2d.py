@@ -109,8 +109,8 @@ class FlatPainter:
         self._tile_reach.fill(ti.Vector([1.0, 1.0, -1.0, -1.0]))
         self._light_tiles = zeros(ti.i32, 1, 1)
         # The field of positions has more rows than there are particles; that of values does not.
-        self._screen: Any = ti.ndarray(vec2, particle_count)
-        self._values: Any = zeros(ti.f32, particle_count)
+        self._screen: Any = ti.ndarray(vec2, max(1, particle_count))
+        self._values: Any = zeros(ti.f32, max(1, particle_count))
 
     def _create_paper(self, appearance: Appearance, size: tuple[int, int]) -> None:
         """Paint what does not move, and keep the numbers of what does."""
