@@ -18,10 +18,13 @@ from sandbox.scene.model import IntegratorName
 from sandbox.state import place
 from tests.conftest import make_scene
 
-_TIME = 0.02
+_TIME, _SCHEME_TIME = 0.01, 0.002
+"""[s]; sweeps are many launches, each slow on a driver without a GPU."""
 _ALIKE, _ALIKE_SINGLE = 1e-10, 1e-5
 """Largest difference of places, over the size of the scene [1]."""
 _SCENES = ["gas", "gas in single precision", "contact", "hands", "shell", "clay"]
+_MEASURED = ["gas", "hands", "clay"]
+"""Where springs tear, or work is booked."""
 _SCHEMES = [scheme.value for scheme in IntegratorName]
 _CUBE = """v -1 -1 -1\nv 1 -1 -1\nv 1 1 -1\nv -1 1 -1\nv -1 -1 1\nv 1 -1 1\nv 1 1 1\nv -1 1 1
 f 1 3 2\nf 1 4 3\nf 5 6 7\nf 5 7 8\nf 1 2 6\nf 1 6 5\nf 2 3 7\nf 2 7 6\nf 3 4 8\nf 3 8 7\nf 4 1 5\nf 4 5 8\n"""
@@ -74,18 +77,14 @@ def gas_scene(**solver):
         wind={"velocity": [3.0, 0.0], "gust": {"strength": 2.0}},
         actions=[
             {"kind": "pump", "body": "ring", "start": 0.003, "end": 0.015, "amount": 0.1},
-            {"kind": "cut", "time": 0.01, "from": [0.01, 0.2], "to": [0.01, 0.5]},
+            {"kind": "cut", "time": 0.006, "from": [0.01, 0.2], "to": [0.01, 0.5]},
         ],
     )
 
 
 def contact_scene():
-    """Two blocks that meet each other in a valley, and a rod that comes down on them and turns."""
-    outline = [[-2.0, -1.0], [2.0, -1.0], [2.0, 0.2], [0.05, -0.33], [-2.0, 0.1]]
-    rod = {"kind": "capsule", "from": [-0.2, 0.0], "to": [0.3, 0.1], "radius": 0.05}
-    way = [{"time": 0.0, "position": [-0.2, 0.27]}, {"time": 0.05, "position": [-0.2, 0.2], "rotation": 40.0}]
-    blocks = [box(-0.36, radius=0.05, velocity=[4.0, -5.0]), box(0.35, radius=0.05, velocity=[-3.0, -5.0])]
-    return make(2, blocks, colliders=[{"kind": "polygon", "points": outline, "friction": 0.2}, rod | {"motion": way}])
+    """Two blocks that meet each other."""
+    return make(2, [box(-0.36, radius=0.05, velocity=[4.0, -5.0]), box(0.35, radius=0.05, velocity=[-3.0, -5.0])])
 
 
 def hands_scene():
@@ -145,9 +144,11 @@ def outcomes(tmp_path_factory):
         for name in sorted(scenes, key=lambda name: scenes[name].solver.precision):
             # Step by step on either: Taichi compiles the one long kernel of small scenes for far longer.
             with Simulation(scenes[name], arch=arch, serial=False) as simulation:
-                simulation.advance(_TIME)
-                measured = simulation.measure()
-                found[name, arch] = simulation.positions(), measured.torn, measured.work or {}
+                simulation.advance(_SCHEME_TIME if name in _SCHEMES else _TIME)
+                # Measuring compiles as long as a step does.
+                measured = simulation.measure() if name in _MEASURED else None
+                torn, work = (measured.torn, measured.work) if measured else (0, None)
+                found[name, arch] = simulation.positions(), torn, work or {}
     return found
 
 
