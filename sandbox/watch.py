@@ -25,9 +25,10 @@ SINKING = 0.1
 SUNK = 0.25
 """Part of its spacing, or its radius, that a particle may be deep in a collider [1]."""
 UNSOLVED = 0.2
-"""Residual of a step, over the impulses that act in it, at which it is as good as not solved [1]."""
+"""Residual of a step, over the impulses that act in it, at which it is as good as not solved [1]: at 0.07 a beam of xpbd
+hangs as the solution does to five digits, at 0.97 by 6 % more, and chains at 1.0 by that or any number of times more."""
 OFTEN = 0.1
-"""Part of the steps looked at of which that, or a step taken as another scheme's, is told [1]."""
+"""Part of the steps looked at of which that is told [1]; a single one may be an impact."""
 _DEEPER = 1.1
 """How many times deeper particles must be to be looked at again [1]."""
 _FEWEST = 5
