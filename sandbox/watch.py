@@ -25,11 +25,15 @@ SINKING = 0.1
 SUNK = 0.25
 """Part of its spacing, or its radius, that a particle may be deep in a collider [1]."""
 UNSOLVED = 0.2
-"""Residual of a step, over the impulses that act in it, at which it is as good as not solved [1]."""
+"""Residual of a step, over the impulses that act in it, at which it is as good as not solved [1].
+
+At 0.07 a beam of xpbd hangs as the solution does to five digits, at 0.97 by 6 % lower; chains at 1.0 are too long by
+that much, or many times too long.
+"""
 DEEP = 0.5
 """Part of their touching distance that two particles in contact may overlap [1]."""
 OFTEN = 0.1
-"""Part of the steps looked at of which that, or a step taken as another scheme's, is told [1]."""
+"""Part of the steps looked at of which that is told [1]; a single one may be an impact."""
 _DEEPER = 1.1
 """How many times deeper particles must be to be looked at again [1]."""
 _FEWEST = 5

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -64,11 +65,13 @@ def test_a_blow_up_is_exit_code_3_and_loses_nothing(run_cli, tmp_path):
     code, _, errors = run_cli("run", "drop_2d", "--set", "solver.dt=0.002", *SMALL, "--out", out, "--quiet")
     assert code == 3
     lines = errors.strip().splitlines()
-    assert len(lines) == 2
+    assert len(lines) == 3
     assert lines[0].startswith("warning: solver.dt = 0.002 s is above the stability limit")
-    assert "diverged at t = " in lines[1] and "spring" in lines[1] and "omega dt" in lines[1]
+    assert re.match(r"warning: cells inside out: \d+ of 16 of 'stiff'", lines[1])
+    assert "diverged at t = " in lines[2] and "spring" in lines[2] and "omega dt" in lines[2]
     summary = json.loads((out / "summary.json").read_text())
-    assert summary["status"] == "diverged" and summary["message"] in lines[1]
+    assert summary["status"] == "diverged" and summary["message"] in lines[2]
+    assert [f"warning: {line}" for line in summary["warnings"]] == lines[:2]
     # The element that left its bounds first is marked with a red ring.
     assert "postmortem.png" in summary["files"]
     red = (iio.imread(out / "postmortem.png") == (214, 39, 40)).all(axis=-1)
