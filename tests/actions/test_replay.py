@@ -103,10 +103,10 @@ def test_a_recording_takes_the_steps_that_the_scene_takes():
     steps = []
     for each in (scene, acted, shorter):
         assembly = assemble(each)
-        steps.append(StepSize(SCHEMES["heun"], assembly, network_of(assembly), warns=False).chosen)
+        steps.append(StepSize(SCHEMES["heun"], assembly, network_of(assembly)).chosen)
     assert steps[0] == steps[1] == steps[2]
     without = assemble(scene.model_copy(update={"duration": 0.1}))
-    assert StepSize(SCHEMES["heun"], without, network_of(without), warns=False).chosen > 1.01 * steps[0]
+    assert StepSize(SCHEMES["heun"], without, network_of(without)).chosen > 1.01 * steps[0]
 
 
 def test_a_hand_goes_on_from_what_it_took(tmp_path):

@@ -113,7 +113,7 @@ WRONG = [
     ("render.fps", 0, "render.fps: must be > 0, got 0"),
     ("duration", 0, "duration: must be > 0, got 0"),
     ("bodies.0.self_contact", True, "bodies[0]: self_contact needs radius > 0"),
-    ("bodies.0.radius", -0.1, "bodies[0].radius: must be >= 0, got -0.1"),
+    ("bodies.0.radius", -0.1, "bodies[0].radius: must be >= 0 or 'auto', got -0.1"),
     ("bodies.0.pressure", {}, "bodies[0].pressure: give either amount or gauge_pressure"),
     ("bodies.0.pressure", {"amount": -1.0}, "bodies[0].pressure.amount: must be >= 0, got -1.0"),
     ("bodies.0.pressure", {"gauge_pressure": -2e5}, "bodies[0].pressure: gauge_pressure is below vacuum"),
