@@ -49,7 +49,7 @@ def test_no_loss_is_no_loss_at_the_automatic_step(simulate, integrator):
 def test_no_step_makes_energy(simulate, restitution, dt):
     # Verlet keeps v^2 + w^2 x^2 (1 - w^2 h^2 / 4), so that a vibration of w^2 = 2 k / m shows up to so much more.
     most, _ = _extremes(simulate(_pair(restitution, dt=dt, integrator="velocity_verlet")), 2.0)
-    assert most < 1.01 / (1.0 - 2.0 * 3e4 * dt**2 / 4.0)
+    assert most < 1.02 / (1.0 - 2.0 * 3e4 * dt**2 / 4.0)
 
 
 @pytest.mark.parametrize(("integrator", "dt"), [("symplectic_euler", 4e-3), ("velocity_verlet", 4e-3), ("rk4", 4e-3)])
