@@ -44,7 +44,7 @@ def driver():
 def make(dimension, bodies, **parts):
     """A scene under gravity, in double precision."""
     gravity = [0.3, -9.81, 0.1][:dimension]
-    solver = {"precision": "f64", "dt": 2e-4} | parts.pop("solver", {})
+    solver = {"precision": "f64", "dt": 1.5e-4} | parts.pop("solver", {})
     return make_scene(dimension=dimension, gravity=gravity, solver=solver, bodies=bodies, **parts)
 
 
