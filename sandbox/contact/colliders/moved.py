@@ -57,6 +57,8 @@ class MovingCollider(SolidCollider):
                 x_new = early + done * (late - early) + (1.0 - done) * duration * onward
                 begin = place
                 goal = self.motions.to_local(row, END, x_new)
+                if ti.static(self.inner.most_hits > 1):
+                    goal = self.inner.cleared(goal, normal)
                 if hits > most:
                     x_new = late  # nothing more is looked for: it rides along until the next substep
                     if ti.static(self.inner.most_hits > 1):

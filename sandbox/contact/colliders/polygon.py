@@ -76,7 +76,7 @@ class OutlineCollider(SolidCollider):
         vector = runtime.vector(2)
         self.slack = 4.0 * rounding() * (float(np.abs(self.ends[0]).max()) + reach)
         """Distance within which a particle counts as touching [m]: what rounding leaves open."""
-        self.rounding, self.reach = 2.0 * rounding(), reach
+        self.reach = reach
         self.edges = len(self.ends[0])
         self.start = place(builder, vector.field(), self.edges)
         self.end = place(builder, vector.field(), self.edges)
@@ -172,9 +172,7 @@ class OutlineCollider(SolidCollider):
                 place = start - before * way_out
                 normal = way_out
             elif before <= length:
-                # A path is known no better than its ends are.
-                unsure = self.rounding * (ti.max(ti.abs(start).max(), ti.abs(end).max()) + self.reach)
-                fraction, place, normal = self._sweep(c, start, path, radius, self.grazing * length + unsure)
+                fraction, place, normal = self._sweep(c, start, path, radius, self.grazing * length)
                 hit = fraction <= 1.0
         return hit, fraction, place, normal
 

@@ -175,6 +175,8 @@ class SolidCollider:
     count = 1
     slack = 0.0
     """Distance within which a particle counts as touching [m]."""
+    reach = 0.0
+    """Farthest from the origin that the solid may be moved [m]."""
     most_hits = 1
     """How often a particle can meet the solid within one substep: a hollow one several times."""
 
@@ -237,7 +239,7 @@ class SolidCollider:
         normal = 0.0 * v
         # One look more than hits: what still is in the way then is a wedge, or a bow of many short edges.
         while hits <= self.most_hits:
-            hit, fraction, place, met = self.entry(c, begin, x_new, self.radius.of(i))
+            hit, fraction, place, met = self.entry(c, begin, self.cleared(x_new, normal), self.radius.of(i))
             hits = hits + 1
             if hit:
                 done = done + (1.0 - done) * fraction
@@ -251,6 +253,11 @@ class SolidCollider:
             else:
                 hits = self.most_hits + 1
         return x_new, v_new
+
+    @ti.func
+    def cleared(self, x, normal):
+        """The end of a path off the surface with this normal, and off what rounding leaves of a meeting with it."""
+        return x + 0.25 * self.grazing * (ti.abs(x).max() + self.reach) * normal
 
     @ti.func
     def wedge(self, c, i, place, end, v, ground, before, normal):
