@@ -116,15 +116,17 @@ def test_the_tableau_without_drag_is_the_scheme_itself():
     assert drift[-1] == pytest.approx(weight) and weight.sum() == pytest.approx(0.1)
 
 
-def test_serial_and_parallel_and_threads_agree_to_the_bit(simulate):
+def test_threads_agree_to_the_bit_and_serial_and_parallel_to_rounding(simulate):
+    """Which of the two is taken depends on the scene alone; processors may fuse multiplications otherwise in each."""
     ends = []
     for serial, threads in ((True, 1), (False, 1), (False, 2)):
         simulation = simulate(rope("rk4"), serial=serial, threads=threads)
         simulation.dt = 2e-3
         simulation.advance(0.1)
-        ends.append((simulation.positions().tobytes(), simulation.velocities().tobytes()))
+        ends.append(np.concatenate([simulation.positions(), simulation.velocities()]))
         simulation.suspend()
-    assert ends[0] == ends[1] == ends[2]
+    assert ends[1].tobytes() == ends[2].tobytes()
+    assert np.abs(ends[0] - ends[1]).max() < 1e-13
 
 
 def test_books_close_at_the_scheme_s_order(simulate):
