@@ -160,12 +160,7 @@ def bounce_lost(scheme: Scheme, assembly: Assembly, network: SpringNetwork, dt: 
     damps = not isinstance(scheme, SplittingScheme | RungeKuttaScheme)
     if not damps or (isinstance(scheme, ImplicitScheme) and scheme.order == 2):
         return 0.0
-    bouncy = (_bounciest(assembly) > 0.0)[assembly.particle_body]
-    if not bouncy.any():
-        return 0.0
     # Bodies that bounce alone: what is held or lies still may be as slow as it likes.
-    body = np.where(bouncy, assembly.particle_body, -1)
-    omegas = [
-        limits.slowest_of(network, assembly.positions, np.flatnonzero(body == one)) for one in np.unique(body[bouncy])
-    ]
+    members = [np.flatnonzero(assembly.particle_body == body) for body in np.flatnonzero(_bounciest(assembly) > 0.0)]
+    omegas = [limits.slowest_of(network, assembly.positions, own) for own in members]
     return 1.0 - math.exp(-0.5 * math.pi * max(omegas, default=0.0) * dt)
