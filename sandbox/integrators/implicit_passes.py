@@ -20,7 +20,7 @@ from sandbox.integrators.stepper import Setup, Stepper
 from sandbox.state import SLICE, place
 
 _RESIDUAL, _IMPULSE, _SLOPE, _STEEPNESS = 0, 1, 2, 3
-_CHANGE, _FRACTION = 0, 1
+_CHANGE, _FRACTION, _DRIVEN = 0, 1, 2
 
 
 @ti.data_oriented
@@ -47,7 +47,7 @@ class ImplicitPasses(Stepper):
         self.guess = place(builder, self.vector.field(), state.count)
         """Velocity that the linear solve shall start with [m/s]."""
         self.sums = BlockSums(builder, state.count, 4)
-        self.changes = BlockSums(builder, state.count, 2)
+        self.changes = BlockSums(builder, state.count, 3)
         self.latest = place(builder, ti.field(self.changes.fine), 1)
         """Fraction of the step until which new meetings with colliders count [1]."""
         if self.books:
@@ -186,20 +186,21 @@ class ImplicitPasses(Stepper):
             self._examine(block, slot, dt)
         ti.loop_config(serialize=True)
         for _ in range(1):
-            self.newton.reconsider(self.changes.total(_CHANGE))
+            self.newton.reconsider(self.changes.total(_CHANGE), self.changes.total(_DRIVEN))
             self.latest[0] = ti.select(self.newton.code[0] == DONE, -1.0, self.changes.least(_FRACTION))
         for i in range(self.state.count):
             self._reopen(i, slot, dt)
 
     @ti.func
     def _examine(self, block, slot, dt):
-        changes, fraction = self.changes.zero(), self.changes.one()
+        changes, fraction, driven = self.changes.zero(), self.changes.one(), self.changes.zero()
         for resting in ti.static(self.resting):
             for i in range(self.changes.first(block), self.changes.end(block)):
                 w, v = self.state.inverse_mass[i], self.state.v[1 - slot, i]
                 inertia, change = self.linear.inertia[i], 0.0 * dt
                 if w > 0.0:
                     if resting.mode[i] != FREE:
+                        driven += resting.drive(i, v)
                         change = resting.revise(i, v, self.linear.residual[i], inertia)
                     else:
                         change = resting.look_ahead(i, self.state.x[slot, i], v, dt, inertia)
@@ -207,6 +208,7 @@ class ImplicitPasses(Stepper):
                 changes += w * change * change
         self.changes.put(block, _CHANGE, changes)
         self.changes.put(block, _FRACTION, fraction)
+        self.changes.put(block, _DRIVEN, driven)
 
     @ti.func
     def _reopen(self, i, slot, dt):
@@ -214,6 +216,8 @@ class ImplicitPasses(Stepper):
         latest = ti.cast(self.latest[0], self.linear.real)
         for resting in ti.static(self.resting):
             resting.decline(i, latest)
+            if self.newton.spares() == 1:
+                resting.spare(i)
             if latest >= 0.0 and self.state.inverse_mass[i] > 0.0:
                 v = self.state.v[1 - slot, i]
                 self.guess[i] = resting.constrained(i, v)

@@ -26,6 +26,8 @@ MOST_ITERATIONS = 20
 """Most Newton iterations a step, unless the scene says otherwise."""
 MOST_ROUNDS = 5
 """Most times that reactions are corrected in a step."""
+_MANY_ROUNDS = 3 * MOST_ROUNDS
+"""The same while the corrections are larger than all that acts: a step left so would crush what it drives in."""
 _OVERSHOOT = 0.25
 """Part of the slope at the start that the slope may have at the end, if of opposite sign [1]."""
 _UNDERSHOOT = 0.3
@@ -64,9 +66,9 @@ class Newton:
         """Part of the direction gone; slope at its start; the last part after which it was positive, and it there."""
         self.residual, self.impulse, self.before = (place(builder, ti.field(fine), 1) for _ in range(3))
         """|M^-1/2 r|^2 and |M^-1/2 s|^2 at the last trial that was taken; the former at the one before."""
-        counts = (place(builder, ti.field(ti.i32), 1) for _ in range(10))
+        counts = (place(builder, ti.field(ti.i32), 1) for _ in range(11))
         self.iterations, self.linear_iterations, self.opened, self.cuts, self.stretches, self.rounds, *flags = counts
-        self.searching, self.solved, self.code, self.drowned = flags
+        self.searching, self.solved, self.code, self.drowned, self.closing = flags
         self.tally = place(builder, ti.field(fine), 9)
 
     def report(self) -> dict[str, float]:
@@ -95,7 +97,7 @@ class Newton:
         self.way[0], self.low[0] = 1.0, 0.0
         self.iterations[0], self.linear_iterations[0], self.opened[0] = 0, 0, 0
         self.cuts[0], self.stretches[0] = 0, 0
-        self.rounds[0], self.searching[0], self.solved[0], self.drowned[0] = 0, 0, 0, 0
+        self.rounds[0], self.searching[0], self.solved[0], self.drowned[0], self.closing[0] = 0, 0, 0, 0, 0
         self.before[0] = 0.0
         self.linear.yielding[0] = 1
 
@@ -175,14 +177,30 @@ class Newton:
         self.linear.yielding[0] = 1 - self.linear.bent[0]
 
     @ti.func
-    def reconsider(self, change):
-        """Reactions change by this |M^-1/2 dr|^2: if that counts, what is reached is a first guess again."""
+    def reconsider(self, change, driven):
+        """Reactions change by this |M^-1/2 dr|^2: if that counts, what is reached is a first guess again.
+
+        A part of a stiff body's impulses that does not count may be much for what slides. So what is reached does not
+        stand either where friction gave all that slides more than it took, ``driven`` [J]: once more with those held
+        that it drove, and if that does not do, without friction of what slides (:meth:`spares`).
+        """
         notable = change > _NOTABLE * self.impulse[0]
-        if notable and self.rounds[0] < MOST_ROUNDS and self.iterations[0] < self.most:
+        again = notable and self.rounds[0] < MOST_ROUNDS and self.iterations[0] < self.most
+        if change > self.impulse[0]:
+            again = self.rounds[0] < _MANY_ROUNDS
+        if not again and driven > 0.0 and self.closing[0] < 2:
+            self.closing[0] += 1
+            again = True
+        if again:
             self.rounds[0] += 1
             self.opened[0] = self.iterations[0]
             self.searching[0], self.solved[0] = 0, 0
             self.code[0] = SOLVE
+
+    @ti.func
+    def spares(self) -> ti.i32:
+        """1 where the step is solved for once more without friction of what slides."""
+        return ti.cast(self.code[0] == SOLVE and self.closing[0] == 2, ti.i32)
 
     @ti.func
     def is_lost(self) -> ti.i32:

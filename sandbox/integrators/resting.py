@@ -4,7 +4,9 @@ A particle that met a surface is constrained in the next solve, such that it end
 or, where friction holds it, in every direction. Once the solve has converged its residual is the reaction, which
 decides: a surface does not pull, so a particle that it would have to pull at is let go; friction holds up to its
 coefficient times the normal reaction (Coulomb), and beyond that pushes against the sliding with just that. Then the
-solve goes on, a few rounds at most. Why so, and not as other solves do: :mod:`sandbox.integrators.bearing`.
+solve goes on, a few rounds at most. Where they end in friction that drives what it should slow, that is taken back:
+of a stiff body the reactions of one step may be a thousand times what stops its sliding. Why so, and not as other
+solves do: :mod:`sandbox.integrators.bearing`.
 
 What flies into a surface within the step is found by a look ahead along its path once the solve has converged.
 Those that meet first are borne from then on, and all go back to the instant of that meeting: further layers of a
@@ -202,6 +204,23 @@ class Resting(Bearing):
             change = (rub - self.rub[i]).norm()
             self.rub[i] = rub
         return change
+
+    @ti.func
+    def drive(self, i, v):
+        """Energy that friction gives sliding particle i in a step that ends with velocity v [J].
+
+        It should take some. But it was laid down for another velocity than the solve then gave.
+        """
+        given = 0.0 * self.rebound[i]
+        if self.mode[i] == SLIDING:
+            given = self.rub[i].dot(v - self.ground[i])
+        return given
+
+    @ti.func
+    def spare(self, i):
+        """Leave a sliding particle to slide without friction."""
+        if self.mode[i] == SLIDING:
+            self.rub[i] = self.vector(0.0)
 
     @ti.func
     def look_ahead(self, i, start, v, dt, inertia):

@@ -302,7 +302,7 @@ def test_without_its_package_usd_is_one_line(refuses, monkeypatch):
 
 
 def test_every_format_is_tested(solid_run):
-    assert set(ExportFormat) == {"ply", "obj", "vtu", "springs", "usd", "glb"}
+    assert set(ExportFormat) == {"ply", "faces", "obj", "vtu", "springs", "usd", "glb"}
 
 
 def test_a_body_that_enters_later_is_not_there_before(tmp_path):
