@@ -16,7 +16,7 @@ from sandbox.contact.particle_contact import PUSH, PUSH_ACCELERATION
 from sandbox.integrators.schemes import ImplicitScheme, RungeKuttaScheme, Scheme, SplittingScheme
 from sandbox.scene.assemble import Assembly, combine_bodies
 from sandbox.scene.model import IntegratorName
-from sandbox.stability import FloatArray, SpringNetwork
+from sandbox.stability import FloatArray, SpringNetwork, row_sum_step
 from sandbox.warning_log import Remark, WarningKind
 
 _LOSSLESS = {IntegratorName.SYMPLECTIC_EULER: 0.02, IntegratorName.VELOCITY_VERLET: 0.05, IntegratorName.RK4: 0.05}
@@ -31,6 +31,8 @@ _PATCH = 4.0
 """Part of a face that touches when a body lies on another is 1 over this [1]."""
 MOST_LOST = 0.1
 """Part of a rebound that a scheme may damp before it is told [1]."""
+_FASTER = 0.1
+"""Part of the explicit limit below which the implicit midpoint rule follows every vibration [1]."""
 _BORNE = 0.5
 """Part of the fastest parting that a push can hold against a load [1]."""
 
@@ -42,18 +44,20 @@ def elastic_share(assembly: Assembly) -> float:
     and so is what a bounce gives back. That matters where nothing else takes more: restitution near 1, and hardly any
     damping.
     """
-    share = 1.0
     lossless = _LOSSLESS.get(assembly.scene.solver.integrator)
-    if lossless is None:
-        return share
-    restitution = _bounciest(assembly)
+    return 1.0 if lossless is None else min(1.0, lossless + _least_lost(assembly))
+
+
+def _least_lost(assembly: Assembly) -> float:
+    """What the body that bounces best loses by its restitution and its damping, 0 for none; inf where none bounces."""
+    least, restitution = math.inf, _bounciest(assembly)
     for body in np.unique(assembly.spring_set.body):
         e = restitution[body] if body < len(restitution) else 0.0
         if e > 0.0:
             lost = _BY_RESTITUTION * (1.0 - e**2)
             lost += _BY_DAMPING * _damping_ratio(assembly, assembly.spring_set.body == body)
-            share = min(share, lossless + lost)
-    return share
+            least = min(least, lost)
+    return least
 
 
 def _bounciest(assembly: Assembly) -> FloatArray:
@@ -149,6 +153,18 @@ def contact_remarks(assembly: Assembly, load: Load | None, dt: float) -> Iterato
     elif assembly.scene.solver.dt != "auto" and dt > load.step:
         line = f"{on}, which its particles bear with steps up to {load.step:.3g} s; at {dt:.3g} s it will sink in"
         yield Remark(WarningKind.OVERLOADED, line)
+
+
+def bounce_gains(scheme: Scheme, assembly: Assembly, network: SpringNetwork, dt: float) -> bool:
+    """Whether bodies may gain energy where they bounce, at steps of ``dt`` [s].
+
+    The implicit midpoint rule keeps all energy of vibrations faster than its step but not their phase, and bounces
+    of single particles within them then give more than they take. Measured: a quarter to a half of it at 10 times the
+    limit of explicit schemes, a twentieth at half of it; nothing where restitution or damping take some.
+    """
+    if not (isinstance(scheme, ImplicitScheme) and scheme.order == 2) or _least_lost(assembly) >= 1.0:
+        return False
+    return dt > _FASTER * row_sum_step(network, 0.0)
 
 
 def bounce_lost(scheme: Scheme, assembly: Assembly, network: SpringNetwork, dt: float) -> float:

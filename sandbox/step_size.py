@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sandbox import limits
-from sandbox.contact_limits import MOST_LOST, bounce_lost, contact_remarks, elastic_share, worst_load
+from sandbox.contact_limits import MOST_LOST, bounce_gains, bounce_lost, contact_remarks, elastic_share, worst_load
 from sandbox.diagnostics import Measurement
 from sandbox.errors import SceneError
 from sandbox.integrators.schemes import Scheme
@@ -116,6 +116,12 @@ class StepSize:
                 WarningKind.IMPLICIT_BOUNCE,
                 f"bodies bounce lower than their restitution says: {self.solver.integrator} damps {lost:.0%} of "
                 f"the speed of a rebound at dt = {self.chosen:.3g} s; take a shorter one, or another scheme",
+            )
+        if bounce_gains(self.scheme, self.assembly, self.network, self.chosen):
+            yield Remark(
+                WarningKind.IMPLICIT_BOUNCE,
+                f"bodies may gain energy where they bounce: {self.solver.integrator} does not follow vibrations "
+                f"faster than its step of {self.chosen:.3g} s; take velocity_verlet, some damping, or less restitution",
             )
         wanted = self.solver.dt
         if wanted != "auto" and wanted > self.limit:

@@ -43,7 +43,7 @@ class WarningKind(StrEnum):
     STARTS_INSIDE = "starts inside"
     """A body starts inside of a collider."""
     IMPLICIT_BOUNCE = "implicit bounce"
-    """Restitution under a scheme whose own damping decides how high bodies bounce."""
+    """Restitution under a scheme whose step decides how high bodies bounce, by damping or by gaining energy."""
     ACTION = "action"
     """An action found nothing to act on, or comes too late."""
     MESH = "mesh"

@@ -80,7 +80,7 @@ class Resting(Bearing):
             stopped = sliding.norm() <= _STOPPED * before.norm()
             self.mode[i] = ti.select(stopped and friction > 0.0, HELD, SLIDING)
             self.rub[i] = self.vector(0.0)
-        self.note_surface(i, normal, ground, friction, -restitution * ti.min(before.dot(normal), 0.0))
+        self.note_surface(i, normal, ground, friction, ti.max(after.dot(normal), 0.0))
 
     @ti.func
     def check(self, i, slot, dt):
@@ -223,12 +223,15 @@ class Resting(Bearing):
             self.rub[i] = self.vector(0.0)
 
     @ti.func
-    def look_ahead(self, i, start, v, dt, inertia):
-        """Whether free particle i meets a surface within the step; the impulse that this takes [N s]."""
+    def look_ahead(self, i, start, v, kick, lag, dt, inertia):
+        """Whether free particle i meets a surface within the step; the impulse that this takes [N s].
+
+        v is its velocity at the part ``lag`` of the step, in which forces change it by ``kick`` [m/s].
+        """
         change = 0.0 * dt
         end, left = start + dt * v, v
         for scout in ti.static(self.scouts):
-            end, left = scout.resolve(i, start, end, left, 0.0 * v, 1.0, dt)
+            end, left = scout.resolve(i, start, end, left, kick, lag, dt)
         if self.mode[i] != FREE:
             n = self.normal[i]
             into = n.dot(v - self.ground[i])

@@ -133,6 +133,22 @@ def test_a_bounce_that_the_scheme_damps_is_told(simulate, integrator, restitutio
     assert (WarningKind.IMPLICIT_BOUNCE in kinds) == told
 
 
+@pytest.mark.filterwarnings("ignore::sandbox.SceneWarning")
+@pytest.mark.parametrize(
+    ("integrator", "restitution", "dt", "told"),
+    [
+        ("implicit_midpoint", 1.0, 4e-3, True),
+        ("implicit_midpoint", 1.0, 1e-5, False),
+        ("implicit_midpoint", 0.5, 4e-3, False),
+        ("velocity_verlet", 1.0, 1e-5, False),
+    ],
+)
+def test_a_bounce_that_may_gain_energy_is_told(simulate, integrator, restitution, dt, told):
+    lines = simulate(_falling(integrator, restitution, dt)).warnings
+    assert [line for line in lines if "may gain energy where they bounce" in line] == lines
+    assert len(lines) == told
+
+
 @pytest.mark.parametrize(("restitution", "damping", "share"), [(1.0, 0.0, 0.02), (0.6, 0.0, 1.0), (1.0, 0.1, 1.0)])
 def test_only_bounces_without_loss_ask_for_short_steps(restitution, damping, share):
     scene = _falling("symplectic_euler", restitution, "auto")
