@@ -203,9 +203,8 @@ class ImplicitPasses(Stepper):
                         driven += resting.drive(i, v)
                         change = resting.revise(i, v, self.linear.residual[i], inertia)
                     else:
-                        lag = self.span(1.0)
-                        kick = (v - self.state.v[slot, i]) / lag
-                        change = resting.look_ahead(i, self.state.x[slot, i], v, kick, lag, dt, inertia)
+                        start, begun = self.state.x[slot, i], self.state.v[slot, i]
+                        change = resting.look_ahead(i, start, begun, v, dt, inertia)
                         fraction = ti.min(fraction, ti.cast(resting.fraction[i], self.changes.fine))
                 changes += w * change * change
         self.changes.put(block, _CHANGE, changes)
@@ -292,7 +291,7 @@ class ImplicitPasses(Stepper):
                 v = begun + (solved - begun) / self.share[0]
             for resting in ti.static(self.resting):
                 v = resting.stopped(i, v)
-        x_new, v_new = self.end.meet(i, start, start + dt * solved, v, v - begun, 1.0, dt)
+        x_new, v_new = self.end.meet(i, start, start + dt * solved, v, 0.0 * v, 1.0, dt)
         for books in ti.static(self.books):
             reaction = self.vector(0.0)
             if ti.static(self.resting):

@@ -80,7 +80,7 @@ class Resting(Bearing):
             stopped = sliding.norm() <= _STOPPED * before.norm()
             self.mode[i] = ti.select(stopped and friction > 0.0, HELD, SLIDING)
             self.rub[i] = self.vector(0.0)
-        self.note_surface(i, normal, ground, friction, ti.max(after.dot(normal), 0.0))
+        self.note_surface(i, normal, ground, friction, -restitution * ti.min(before.dot(normal), 0.0))
 
     @ti.func
     def check(self, i, slot, dt):
@@ -223,21 +223,26 @@ class Resting(Bearing):
             self.rub[i] = self.vector(0.0)
 
     @ti.func
-    def look_ahead(self, i, start, v, kick, lag, dt, inertia):
+    def look_ahead(self, i, start, begun, v, dt, inertia):
         """Whether free particle i meets a surface within the step; the impulse that this takes [N s].
 
-        v is its velocity at the part ``lag`` of the step, in which forces change it by ``kick`` [m/s].
+        ``begun`` is its velocity at the start of the step, v [m/s] the one that it would have with no surface.
         """
         change = 0.0 * dt
         end, left = start + dt * v, v
         for scout in ti.static(self.scouts):
-            end, left = scout.resolve(i, start, end, left, kick, lag, dt)
+            end, left = scout.resolve(i, start, end, left, 0.0 * v, 1.0, dt)
         if self.mode[i] != FREE:
             n = self.normal[i]
             into = n.dot(v - self.ground[i])
             self.lift[i] = n.dot(end - start) / dt - n.dot(self.ground[i])
             fraction = (self.lift[i] - self.rebound[i]) / ti.min(into - self.rebound[i], -_NOTHING)
             self.fraction[i] = ti.min(ti.max(fraction, 0.0), 1.0)
+            # It arrives with what it had or with what it is given, whichever is less: what springs press on within
+            # the step must not be thrown back.
+            came = ti.min(ti.max(n.dot(begun - self.ground[i]) / ti.min(into, -_NOTHING), 0.0), 1.0)
+            self.lift[i] -= (1.0 - self.fraction[i]) * (1.0 - came) * self.rebound[i]
+            self.rebound[i] *= came
             change = inertia * ti.max(self.lift[i] - into, 0.0)
         return change
 
