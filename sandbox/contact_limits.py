@@ -29,7 +29,7 @@ _SETTLING = 1.75
 """How much deeper than at rest a load goes when it arrives [1]."""
 _PATCH = 4.0
 """Part of a face that touches when a body lies on another is 1 over this [1]."""
-MOST_LOST = 0.1
+_MOST_LOST = 0.1
 """Part of a rebound that a scheme may damp before it is told [1]."""
 _FASTER = 0.1
 """Part of the explicit limit below which the implicit midpoint rule follows every vibration [1]."""
@@ -155,27 +155,42 @@ def contact_remarks(assembly: Assembly, load: Load | None, dt: float) -> Iterato
         yield Remark(WarningKind.OVERLOADED, line)
 
 
-def bounce_gains(scheme: Scheme, assembly: Assembly, network: SpringNetwork, dt: float) -> bool:
-    """Whether bodies may gain energy where they bounce, at steps of ``dt`` [s].
+def bounce_remarks(scheme: Scheme, assembly: Assembly, network: SpringNetwork, dt: float) -> Iterator[Remark]:
+    """How far bounces of bodies will not be as their restitution says, at steps of ``dt`` [s]."""
+    name = assembly.scene.solver.integrator
+    if isinstance(scheme, SplittingScheme | RungeKuttaScheme):
+        return
+    if isinstance(scheme, ImplicitScheme) and scheme.order == 2:
+        if _may_gain(assembly, network, dt):
+            line = (
+                f"bodies may gain energy where they bounce: {name} does not follow vibrations faster than its step of "
+                f"{dt:.3g} s; take velocity_verlet, some damping, or less restitution"
+            )
+            yield Remark(WarningKind.IMPLICIT_BOUNCE, line)
+    elif (lost := _damped(assembly, network, dt)) > _MOST_LOST:
+        line = (
+            f"bodies bounce lower than their restitution says: {name} damps {lost:.0%} of the speed of a rebound at "
+            f"dt = {dt:.3g} s; take a shorter one, or another scheme"
+        )
+        yield Remark(WarningKind.IMPLICIT_BOUNCE, line)
 
-    The implicit midpoint rule keeps all energy of vibrations faster than its step but not their phase, and bounces
-    of single particles within them then may give more than they take. Measured: up to a sixth of the energy at 10 times
-    the limit of explicit schemes; nothing where restitution or damping take some.
+
+def _may_gain(assembly: Assembly, network: SpringNetwork, dt: float) -> bool:
+    """Whether bodies may gain energy where they bounce under the implicit midpoint rule.
+
+    It keeps all energy of vibrations faster than its step but not their phase, and bounces of single particles
+    within them then may give more than they take. Measured: up to a sixth of the energy at 10 times the limit of
+    explicit schemes; nothing where restitution or damping take some.
     """
-    if not (isinstance(scheme, ImplicitScheme) and scheme.order == 2) or _least_lost(assembly) >= 1.0:
-        return False
-    return dt > _FASTER * row_sum_step(network, 0.0)
+    return _least_lost(assembly) < 1.0 and dt > _FASTER * row_sum_step(network, 0.0)
 
 
-def bounce_lost(scheme: Scheme, assembly: Assembly, network: SpringNetwork, dt: float) -> float:
-    """Part of the speed of a rebound that the scheme's own damping takes at steps of ``dt`` [s] [1].
+def _damped(assembly: Assembly, network: SpringNetwork, dt: float) -> float:
+    """Part of the speed of a rebound that implicit Euler, and what solves for it, takes by its own damping [1].
 
-    A body rebounds in half a period of its slowest deformation, in which implicit Euler, and what solves for it, takes
-    1 - exp(-pi omega h / 2) (Hairer, Lubich and Wanner 2003). 0 where nothing bounces, and for other schemes.
+    A body rebounds in half a period of its slowest deformation, in which that is 1 - exp(-pi omega h / 2)
+    (Hairer, Lubich and Wanner 2003). 0 where nothing bounces.
     """
-    damps = not isinstance(scheme, SplittingScheme | RungeKuttaScheme)
-    if not damps or (isinstance(scheme, ImplicitScheme) and scheme.order == 2):
-        return 0.0
     # Bodies that bounce alone: what is held or lies still may be as slow as it likes.
     members = [np.flatnonzero(assembly.particle_body == body) for body in np.flatnonzero(_bounciest(assembly) > 0.0)]
     omegas = [limits.slowest_of(network, assembly.positions, own) for own in members]

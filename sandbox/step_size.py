@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sandbox import limits
-from sandbox.contact_limits import MOST_LOST, bounce_gains, bounce_lost, contact_remarks, elastic_share, worst_load
+from sandbox.contact_limits import bounce_remarks, contact_remarks, elastic_share, worst_load
 from sandbox.diagnostics import Measurement
 from sandbox.errors import SceneError
 from sandbox.integrators.schemes import Scheme
@@ -110,19 +110,7 @@ class StepSize:
     def remarks(self) -> Iterator[Remark]:
         """What will go wrong with the step; a fixed one has its limit looked for, which takes a while."""
         yield from contact_remarks(self.assembly, self.load, self.chosen)
-        lost = bounce_lost(self.scheme, self.assembly, self.network, self.chosen)
-        if lost > MOST_LOST:
-            yield Remark(
-                WarningKind.IMPLICIT_BOUNCE,
-                f"bodies bounce lower than their restitution says: {self.solver.integrator} damps {lost:.0%} of "
-                f"the speed of a rebound at dt = {self.chosen:.3g} s; take a shorter one, or another scheme",
-            )
-        if bounce_gains(self.scheme, self.assembly, self.network, self.chosen):
-            yield Remark(
-                WarningKind.IMPLICIT_BOUNCE,
-                f"bodies may gain energy where they bounce: {self.solver.integrator} does not follow vibrations "
-                f"faster than its step of {self.chosen:.3g} s; take velocity_verlet, some damping, or less restitution",
-            )
+        yield from bounce_remarks(self.scheme, self.assembly, self.network, self.chosen)
         wanted = self.solver.dt
         if wanted != "auto" and wanted > self.limit:
             yield Remark(

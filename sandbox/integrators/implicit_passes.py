@@ -217,9 +217,9 @@ class ImplicitPasses(Stepper):
         latest = ti.cast(self.latest[0], self.linear.real)
         for resting in ti.static(self.resting):
             resting.decline(i, latest)
-            if self.newton.spares() == 1:
-                resting.spare(i)
             if latest >= 0.0 and self.state.inverse_mass[i] > 0.0:
+                if self.newton.spares() == 1:
+                    resting.spare(i)
                 v = self.state.v[1 - slot, i]
                 self.guess[i] = resting.constrained(i, v)
                 self._try(i, slot, resting.constrained(i, latest * v), dt)

@@ -69,6 +69,7 @@ class Newton:
         counts = (place(builder, ti.field(ti.i32), 1) for _ in range(11))
         self.iterations, self.linear_iterations, self.opened, self.cuts, self.stretches, self.rounds, *flags = counts
         self.searching, self.solved, self.code, self.drowned, self.closing = flags
+        """The last: how often in this step friction that drove was taken back, see :meth:`reconsider`."""
         self.tally = place(builder, ti.field(fine), 9)
 
     def report(self) -> dict[str, float]:
@@ -199,8 +200,8 @@ class Newton:
 
     @ti.func
     def spares(self) -> ti.i32:
-        """1 where the step is solved for once more without friction of what slides."""
-        return ti.cast(self.code[0] == SOLVE and self.closing[0] == 2, ti.i32)
+        """1 where a step that is solved for once more is so without friction of what slides."""
+        return ti.cast(self.closing[0] == 2, ti.i32)
 
     @ti.func
     def is_lost(self) -> ti.i32:
