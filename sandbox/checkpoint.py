@@ -1,8 +1,10 @@
 """Checkpoints: a scene and its state in one .npz file."""
 
+import math
 import os
 import tomllib
 import zipfile
+import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,6 +19,10 @@ from sandbox.scene.model import Scene
 
 _FORMAT = 2
 _MEMORY = "memory."
+_MOST_UNPACKED, _MOST_RATIO = 1 << 26, 200
+"""Bytes that a file may always unpack to, and to how many times its size it may beyond: a state is no repetition."""
+
+_DAMAGED = (KeyError, ValueError, TypeError, EOFError, AttributeError, RecursionError, MemoryError, NotImplementedError)
 
 
 @dataclass(frozen=True)
@@ -62,10 +68,11 @@ def write(path: str | os.PathLike[str], checkpoint: Checkpoint) -> None:
 def read(path: str | os.PathLike[str]) -> Checkpoint:
     """Read a checkpoint. Raises SceneError where the file is missing or is none."""
     try:
+        _check_size(path)
         with np.load(path, allow_pickle=False) as data:
             if int(data["format"]) != _FORMAT:
                 raise SceneError(f"{path}: is a checkpoint of format {int(data['format'])}; this reads {_FORMAT}")
-            return Checkpoint(
+            found = Checkpoint(
                 scene=scene_from_data(tomllib.loads(str(data["scene"])), None, source=str(path)),
                 time=float(data["time"]),
                 positions=np.asarray(data["positions"], dtype=np.float64),
@@ -80,9 +87,31 @@ def read(path: str | os.PathLike[str]) -> Checkpoint:
                     if name.startswith(_MEMORY)
                 },
             )
+        _check_values(found)
+        return found
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from None
     except SceneError:
         raise
-    except (KeyError, ValueError, TypeError, EOFError, AttributeError, zipfile.BadZipFile):
-        raise SceneError(f"{path}: is not a checkpoint") from None
+    except (*_DAMAGED, zipfile.BadZipFile, zlib.error):
+        raise SceneError(f"{path}: is not a checkpoint, or is damaged") from None
+
+
+def _check_size(path: str | os.PathLike[str]) -> None:
+    """Raise ValueError where the file would unpack to far more than a state takes."""
+    with zipfile.ZipFile(path) as archive:
+        unpacked = sum(part.file_size for part in archive.infolist())
+    if unpacked > max(_MOST_UNPACKED, _MOST_RATIO * os.path.getsize(path)):
+        raise ValueError(unpacked)
+
+
+def _check_values(found: Checkpoint) -> None:
+    """Raise ValueError where a state is none that a run can have left."""
+    states = (found.positions, found.velocities, found.force_velocities)
+    shape = (len(found.positions), found.scene.dimension)
+    if not all(values.shape == shape and np.isfinite(values).all() for values in states):
+        raise ValueError(shape)
+    if not (math.isfinite(found.time) and found.time >= 0.0):
+        raise ValueError(found.time)
+    if not all(math.isfinite(step) and step >= 0.0 for step in found.steps):
+        raise ValueError(found.steps)

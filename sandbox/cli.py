@@ -27,7 +27,7 @@ from sandbox.cli_options import (
     tell,
     told,
 )
-from sandbox.errors import SandboxError, SceneError
+from sandbox.errors import SandboxError, SceneError, one_line
 from sandbox.scene.load import json_schema
 from sandbox.scene.model import IntegratorName, Scene
 
@@ -339,7 +339,7 @@ def main() -> None:
 
 
 def _fail(message: str, code: int) -> int:
-    print(f"sandbox: {' '.join(message.split())}", file=sys.stderr)
+    print(f"sandbox: {one_line(message)}", file=sys.stderr)
     return code
 
 

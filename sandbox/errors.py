@@ -4,6 +4,9 @@ import difflib
 import sys
 from collections.abc import Iterable
 
+_LONGEST = 299
+"""Most characters of a message."""
+
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """``; did you mean NAME?`` where a known name begins so, or is a letter or two away; else nothing."""
@@ -21,13 +24,19 @@ def missing_extra(what: str, package: str, extra: str) -> str:
     return f"{what} needs {package}: pip install 'softbody-sandbox[{extra}]' (in a checkout: {checkout})"
 
 
+def one_line(message: str) -> str:
+    """A message in one line that a terminal shows; of one that quotes too much, its beginning and its end."""
+    line = " ".join(message.split())
+    return line if len(line) <= _LONGEST else f"{line[: _LONGEST - 105]} ... {line[-100:]}"
+
+
 class SandboxError(Exception):
     """Base of every error that the sandbox raises on purpose; its text is one line."""
 
     exit_code = 1
 
     def __init__(self, message: str) -> None:
-        super().__init__(" ".join(message.split()))
+        super().__init__(one_line(message))
 
 
 class SceneError(SandboxError, ValueError):

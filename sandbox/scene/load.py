@@ -16,7 +16,7 @@ from sandbox.errors import SceneError, did_you_mean
 from sandbox.scene import model
 from sandbox.scene.action_checks import action_problems
 from sandbox.scene.model import MOST_PARTICLES, Action, Scene
-from sandbox.scene.overrides import change, dotted
+from sandbox.scene.overrides import MOST_DEEP, TOO_LONG, change, dotted
 
 _PACKAGE = Path(__file__).resolve().parent.parent
 # In a wheel the scenes lie inside the package, in a checkout beside it.
@@ -90,6 +90,8 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise SceneError(f"{path}: is not TOML: not UTF-8 text at byte {error.start}") from None
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise SceneError(f"{path}: is not TOML: {error}") from None
+    except ValueError:
+        raise SceneError(f"{path}: {TOO_LONG}") from None
 
 
 def scene_from_data(
@@ -104,6 +106,7 @@ def scene_from_data(
     ``source`` begins the text of errors; ``options`` tells for an override which option it came from;
     relative paths of mesh files, in overrides too, start at ``folder``, by default the working directory.
     """
+    _check_depth(data, source)
     raw: dict[str, Any] = copy.deepcopy(dict(data))
     options = options or {}
     given = {change(raw, key, value): options.get(key, f"--set {key}") for key, value in (overrides or {}).items()}
@@ -112,10 +115,19 @@ def scene_from_data(
         scene = Scene.model_validate(raw)
     except ValidationError as error:
         raise SceneError(describe(error, raw, source, given)) from None
-    except RecursionError:
-        raise SceneError(f"{source}: is nested too deeply") from None
     check_dimensions(scene, source)
     return scene
+
+
+def _check_depth(data: Any, source: str) -> None:
+    """Raise SceneError where data have more levels than any scene: whoever goes through them may be recursive."""
+    level = [data]
+    for _ in range(MOST_DEEP):
+        lists = (node.values() if isinstance(node, Mapping) else node for node in level)
+        level = [value for nodes in lists for value in nodes if isinstance(value, Mapping | list | tuple)]
+        if not level:
+            return
+    raise SceneError(f"{source}: is nested more than {MOST_DEEP} levels deep")
 
 
 def _anchor_files(data: dict[str, Any], folder: Path) -> None:
@@ -243,6 +255,8 @@ def _dimension_problems(scene: Scene) -> Iterable[tuple[str, str]]:
                 yield where, "must be three numbers in a 3D scene"
     for index, body in enumerate(scene.bodies):
         yield from _shape_problems(f"bodies[{index}].shape", body.shape, dimension)
+    if (count := sum(_count(body.shape, dimension)[0] for body in scene.bodies)) > MOST_PARTICLES:
+        yield "bodies", f"make {count:.3g} particles together, at most {MOST_PARTICLES:.3g} are taken"
     for index, collider in enumerate(scene.colliders):
         yield from _kind_problem(f"colliders[{index}].kind", collider, dimension)
     yield from _name_problems(scene)
@@ -278,16 +292,20 @@ def _shape_problems(where: str, shape: Any, dimension: int) -> Iterable[tuple[st
     if isinstance(shape, model.Box) and len(shape.cells) != dimension:
         yield f"{where}.cells", f"must have {dimension} entries in a {dimension}D scene, got {len(shape.cells)}"
     yield from _kind_problem(f"{where}.kind", shape, dimension)
+    count, key = _count(shape, dimension)
+    if count > MOST_PARTICLES:
+        yield f"{where}.{key}", f"makes {count:.3g} particles, at most {MOST_PARTICLES:.3g} are taken"
+
+
+def _count(shape: Any, dimension: int) -> tuple[float, str]:
+    """About how many particles a shape makes at most, where that can be told, and which of its keys says so."""
     if isinstance(shape, model.Box | model.Ball | model.Sheet):
         cells = (shape.cells,) * dimension if isinstance(shape.cells, int) else shape.cells
-        count = math.prod(n + 1 for n in cells)
-        if count > MOST_PARTICLES:
-            yield f"{where}.cells", f"makes {count:.3g} particles, at most {MOST_PARTICLES:.3g} are taken"
+        return math.prod(n + 1 for n in cells), "cells"
     if isinstance(shape, model.Polygon):
         extent = [max(axis) - min(axis) for axis in zip(*shape.points, strict=False)]
-        count = math.prod(length / shape.spacing + 1.0 for length in extent)
-        if count > MOST_PARTICLES:
-            yield f"{where}.spacing", f"makes {count:.3g} particles, at most {MOST_PARTICLES:.3g} are taken"
+        return math.prod(length / shape.spacing + 1.0 for length in extent), "spacing"
+    return 0.0, ""
 
 
 def _name_problems(scene: Scene) -> Iterable[tuple[str, str]]:

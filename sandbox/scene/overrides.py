@@ -8,8 +8,13 @@ from typing import Any
 from sandbox.errors import SceneError
 
 _BRACKETS = re.compile(r"\[([^\[\]]*)\]")
+_NUMBER = re.compile("[0-9]{1,9}")
 _LISTS = ("bodies", "colliders", "attachments", "actions")
 """Lists of a scene; empty where it does not name them."""
+TOO_LONG = "has a number of more digits than are read"
+"""What is wrong where Python does not turn text into a whole number, which takes long from some thousand digits on."""
+MOST_DEEP = 64
+"""Most levels of tables and lists in a scene's data, which has nine."""
 _MOST_NAMED = 20
 """Names that an error lists."""
 
@@ -24,6 +29,8 @@ def parse_assignment(text: str) -> tuple[str, Any]:
         return key, tomllib.loads(f"value = {value}")["value"]
     except (tomllib.TOMLDecodeError, RecursionError):
         return key, value.strip()
+    except ValueError:
+        raise SceneError(f"--set {key}: {TOO_LONG}") from None
 
 
 def change(data: dict[str, Any], key: str, value: Any) -> str:
@@ -53,6 +60,8 @@ def steps(data: Any, key: str) -> list[int | str]:
     words = dotted_key(key).split(".")
     if "" in words:
         raise SceneError(f"--set {key}: has an empty part")
+    if len(words) > MOST_DEEP:
+        raise SceneError(f"--set {key}: has more than {MOST_DEEP} parts")
     parts: list[int | str] = []
     node, at = data, 0
     while at < len(words):
@@ -79,7 +88,7 @@ def _step(node: Any, words: list[str], before: list[int | str], key: str) -> tup
     """The next part of a key, and how many words it takes: names may have dots in them."""
     if not isinstance(node, list):
         return words[0], 1
-    if words[0].isdigit() and int(words[0]) < len(node):
+    if _NUMBER.fullmatch(words[0]) and int(words[0]) < len(node):
         return int(words[0]), 1
     names = [dotted_key(_name(entry)) for entry in node]
     for taken in range(len(words), 0, -1):

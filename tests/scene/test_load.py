@@ -151,6 +151,11 @@ WRONG = [
         "wind.vortices[0].center: must have 2",
     ),
     ("contact", {"skin": 0.0}, "contact.skin: must be > 0, got 0.0"),
+    ("duration", 1e300, "duration: must not be beyond 1e+15, got 1e+300"),
+    ("gravity", [0.0, -1e16], "gravity[1]: must not be beyond 1e+15, got -1e+16"),
+    ("bodies.0.material.density", 1e-300, "bodies[0].material.density: is too small to compute with (below 1e-18)"),
+    ("solver.tolerance", 1.0, "solver.tolerance: must be < 1, got 1.0"),
+    ("interaction", {"grips": 1001}, "interaction.grips: must be <= 1000, got 1001"),
     (
         "actions",
         [{"kind": "pump", "body": "square", "start": 0.0, "end": 1.0, "amount": 1.0}],
@@ -179,7 +184,7 @@ ASSEMBLY = [
     ("bodies.0.shape.bracing", "none", "bracing none resists no shear"),
     ("bodies.0.pin", {"indices": [99]}, "bodies[0].pin.indices[0]: there is no particle 99; the body has 9"),
     ("bodies.0.pin", {"region": {"min": [5, 5], "max": [6, 6]}}, "bodies[0].pin.region: holds no particle"),
-    ("bodies.0.position", [1e200, 0.0], "bodies[0]: its positions are too large to compute with"),
+    ("bodies.0.position", [1e15, 0.0], "bodies[0]: its positions are too large to compute with"),
     ("bodies.0.shape", {**CUSTOM, "springs": [[0, 1]]}, "a custom shape has no lattice; give stiffness"),
     (
         "bodies.0",
@@ -213,6 +218,8 @@ def test_parts_that_do_not_fit_together(path, value, message):
         ("attachments.0.body", "--set attachments.0.body: attachments.0: there is no such entry; the list has 0"),
         ("actions.poke.time", "actions.poke: there is no such entry; the list has 0"),
         ("bodies..name", "--set bodies..name: has an empty part"),
+        ("bodies.\u00b2.name", "bodies.\u00b2: there is no such entry; the list has 1"),
+        (".".join(["a"] * 1500), "has more than 64 parts"),
         ("bodies.box.material.stiffness", "bodies[0].material.stiffness: must be a number, got 'wrong'"),
         ("bodies.box.densty", "--set bodies.box.densty: bodies[0].densty: unknown key; did you mean density?"),
         ("solver.dt.x", "--set solver.dt.x: solver.dt: must be a number or 'auto', got {'x': 'wrong'}"),
@@ -225,6 +232,31 @@ def test_bad_overrides_name_the_override(key, message):
     with pytest.raises(SceneError) as caught:
         scene_from_data(VALID, {key: "wrong"}, source="x.toml")
     assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("a" + ".a" * 1200 + " = 1", "is nested more than 64 levels deep"),
+        ("a = " + "[" * 1500 + "]" * 1500, "is not TOML: maximum recursion depth exceeded"),
+        ("a = " + "[" * 100 + "]" * 100, "is nested more than 64 levels deep"),
+        ("duration = " + "9" * 5000, "has a number of more digits than are read"),
+    ],
+    ids=["keys", "lists", "fewer lists", "digits"],
+)
+def test_absurd_files_are_one_line(text, message, tmp_path):
+    path = tmp_path / "x.toml"
+    path.write_text(text)
+    with pytest.raises(SceneError, match=message) as caught:
+        load_scene(path)
+    assert len(str(caught.value)) < 300
+
+
+def test_bodies_are_bounded_together():
+    box = {"shape": {"kind": "box", "size": [1.0, 1.0], "cells": [4000, 4000]}}
+    scene_from_data({"dimension": 2, "bodies": [{"name": "a", **box}]}, None)
+    with pytest.raises(SceneError, match=r"bodies: make 3.2e.07 particles together, at most 2e.07 are taken"):
+        scene_from_data({"dimension": 2, "bodies": [{"name": "a", **box}, {"name": "b", **box}]}, None)
 
 
 NAMED = {

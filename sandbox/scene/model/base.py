@@ -13,12 +13,28 @@ MOST_PARTICLES = 20_000_000
 """Most particles or cells of one body: what fits into some 10 GB with its springs."""
 LARGEST = 1e15
 """Largest number that is computed with, in any unit; its square is still far from the end of f32."""
+LEAST = 1e-18
+"""Least positive number that is, likewise."""
 
 
 class Model(BaseModel):
     """Base of all parts of a scene: immutable, no unknown keys, no infinities."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, validate_default=True)
+
+
+def _sized(value: float) -> float:
+    if abs(value) > LARGEST:
+        text = "must not be beyond {most}, got {v}"
+        raise PydanticCustomError("too_large", text, {"most": f"{LARGEST:g}", "v": f"{value:g}"})
+    return value
+
+
+def _not_tiny(value: float) -> float:
+    if 0.0 < value < LEAST:
+        text = "is too small to compute with (below {least}), got {v}"
+        raise PydanticCustomError("too_small", text, {"least": f"{LEAST:g}", "v": f"{value:g}"})
+    return value
 
 
 def _vector(value: tuple[float, ...]) -> tuple[float, ...]:
@@ -61,15 +77,15 @@ def _color(value: str) -> str:
 
 
 # Strict: text or a boolean where a number belongs is a mistake to report, not to convert.
-Real = Annotated[float, Strict()]
+Real = Annotated[float, Strict(), AfterValidator(_sized)]
 Integer = Annotated[int, Strict()]
 Flag = Annotated[bool, Strict()]
 Vector = Annotated[tuple[Real, ...], AfterValidator(_vector)]
 Size = Annotated[Vector, AfterValidator(_positive_components)]
 Direction = Annotated[Vector, AfterValidator(_nonzero)]
 Outline = Annotated[tuple[Vector, ...], Field(min_length=3)]
-Positive = Annotated[Real, Field(gt=0)]
-NonNegative = Annotated[Real, Field(ge=0)]
+Positive = Annotated[Real, Field(gt=0), AfterValidator(_not_tiny)]
+NonNegative = Annotated[Real, Field(ge=0), AfterValidator(_not_tiny)]
 Fraction = Annotated[Real, Field(ge=0, le=1)]
 Index = Annotated[Integer, Field(ge=0)]
 Cells = Annotated[Integer, Field(ge=1, le=4096)]

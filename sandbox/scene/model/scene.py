@@ -1,6 +1,6 @@
 """The scene itself, how it is solved and what is looked at."""
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -25,9 +25,9 @@ class Diagnostics(Model):
 class Interaction(Model):
     """Room for what is done to the bodies live; without it a scene is closed."""
 
-    grips: Index = Field(4, description="hands")
-    pushes: Index = Field(4, description="pushes at a time")
-    shakes: Index = Field(1, description="shakes at a time")
+    grips: Annotated[Index, Field(le=1000)] = Field(4, description="hands")
+    pushes: Annotated[Index, Field(le=1000)] = Field(4, description="pushes at a time")
+    shakes: Annotated[Index, Field(le=1000)] = Field(1, description="shakes at a time")
 
 
 class Scene(Model):

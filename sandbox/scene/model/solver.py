@@ -49,7 +49,7 @@ class Solver(Model):
     linear_iterations: Annotated[int, Field(ge=1, le=100_000)] = Field(
         400, description="most conjugate gradient iterations a Newton iteration"
     )
-    tolerance: Positive = Field(
+    tolerance: Annotated[Positive, Field(lt=1)] = Field(
         1e-4,
         description="residual at which the implicit schemes are done with a step: its size over that of all impulses "
         "of the step, both weighted by M^-1/2 [1]; never below what rounding leaves",
