@@ -12,6 +12,8 @@ import os
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from sandbox import kernel_cache
+
 if TYPE_CHECKING:
     from sandbox.diagnostics import Energy, Measurement
     from sandbox.errors import DivergedError, RuntimeUnavailableError, SandboxError, SceneError
@@ -26,6 +28,7 @@ __version__ = "0.1.0"
 
 # Read by Taichi when it is imported, which prints a banner to standard output otherwise.
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "False")
+kernel_cache.find_home()
 
 __all__ = [
     "DivergedError",

@@ -8,7 +8,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import imageio.v3 as iio
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,7 +20,7 @@ from sandbox.output.folder import RunFolder
 from sandbox.output.inline import InlinePicture, InlineVideo
 from sandbox.output.metrics import MetricsWriter
 from sandbox.output.progress import NoProgress, ProgressReport, Timings
-from sandbox.output.video import PictureWriter, open_writer, video_names
+from sandbox.output.video import PictureWriter, open_writer, video_names, write_image
 from sandbox.particle_values import ParticleValues
 from sandbox.recording import late_actions
 from sandbox.render import NullRenderer, Renderer, RendererName, create_renderer
@@ -302,7 +301,7 @@ class _Recorder:
             return
         points = self.renderer.pixels(self.simulation.positions()[list(error.particles)])
         label = f"{error.element} left its bounds at t = {error.time:.4g} s"
-        iio.imwrite(self.folder.partial / "postmortem.png", mark(self._picture(), points, label))
+        write_image(self.folder.partial / "postmortem.png", mark(self._picture(), points, label))
 
     def _real_time_factor(self) -> float:
         # The first advance compiles; it says nothing of speed unless it is all there is.
@@ -325,7 +324,7 @@ class _Recorder:
                 self.frames.close()
         self.renderer.close()
         if self.poster is not None:
-            iio.imwrite(self.folder.partial / "poster.png", self.poster)
+            write_image(self.folder.partial / "poster.png", self.poster)
         self.folder.write_text("scene.toml", to_toml(self.scene))
         self.simulation.save(self.folder.partial / "checkpoint.npz")
         summary = self._summary(failure, sorted([*self.folder.names(), "summary.json"]))

@@ -10,6 +10,7 @@ import gc
 import io
 import os
 import sys
+import warnings
 import weakref
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from typing import Any, Protocol
 
 import taichi as ti
 
+from sandbox import kernel_cache
 from sandbox.compiling import quicken
 from sandbox.errors import RuntimeUnavailableError
 
@@ -193,6 +195,9 @@ def _initialise(wanted: Settings) -> None:
         "log_level": ti.INFO if wanted.verbose else ti.ERROR,
         "random_seed": 0,
     }
+    options |= kernel_cache.options(ti.lang.impl.default_cfg().offline_cache_file_path)
+    if line := kernel_cache.remark():
+        warnings.warn(line, RuntimeWarning, stacklevel=2)  # once a place in the code, so once
     if wanted.threads is not None:
         options["cpu_max_num_threads"] = wanted.threads
     hidden = {name: os.environ.pop(name) for name in _OVERRULING if name in os.environ}

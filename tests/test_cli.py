@@ -206,3 +206,31 @@ def test_as_a_program_nothing_but_the_summary_is_on_standard_output(tmp_path):
     )
     assert json.loads(done.stdout)["status"] == "done"
     assert done.stderr == ""
+
+
+@pytest.mark.parametrize(
+    ("home", "why"),
+    [
+        ({"HOME": "/dev/null/nobody"}, "/dev/null/nobody/.cache/taichi/ticache cannot be written (Not a directory)"),
+        ({}, "there is neither HOME nor XDG_CACHE_HOME"),
+    ],
+    ids=["unwritable", "missing"],
+)
+def test_without_a_home_a_run_goes_without_a_cache_and_leaves_none(home, why, tmp_path):
+    """As services, cron and containers have it: Taichi by itself aborts, or crashes at its end."""
+    (tmp_path / "temporary").mkdir()
+    done = subprocess.run(
+        [sys.executable, "-m", "sandbox", "run", "rope", "--seconds", "0.05", "--renderer", "none", "--quiet"],
+        cwd=tmp_path,
+        env={**home, "TMPDIR": str(tmp_path / "temporary"), "PYTHONPATH": str(Path(__file__).parent.parent)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.splitlines() == [
+        f"warning: no cache for compiled kernels: {why}; every start compiles anew; "
+        "set XDG_CACHE_HOME to a folder that can be written"
+    ]
+    assert (tmp_path / "outputs" / "rope" / "summary.json").is_file()
+    assert not list((tmp_path / "temporary").iterdir())

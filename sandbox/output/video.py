@@ -59,7 +59,7 @@ class GifWriter:
             # Rounded from the start each time, so that the whole keeps its length.
             ends = [round(100.0 * n / self._fps) * 10 for n in range(len(self._pictures) + 1)]
             durations = [max(20, end - start) for start, end in itertools.pairwise(ends)]
-            iio.imwrite(self._path, np.stack(self._pictures), extension=".gif", duration=durations, loop=0)
+            write_image(self._path, np.stack(self._pictures), duration=durations, loop=0)
 
 
 class PngWriter:
@@ -73,7 +73,7 @@ class PngWriter:
     def write(self, picture: Picture) -> None:
         """Write one picture."""
         self._count += 1
-        iio.imwrite(self._folder / f"{self._count:05d}.png", picture, compress_level=1)
+        write_image(self._folder / f"{self._count:05d}.png", picture, compress_level=1)
 
     def close(self) -> None:
         """Nothing is left to do."""
@@ -87,6 +87,12 @@ class NullWriter:
 
     def close(self) -> None:
         """Nothing is left to do."""
+
+
+def write_image(path: Path, pixels: Picture, **options: Any) -> None:
+    """Write a picture, or several as an animation, in the format of the path's ending. Raises OSError."""
+    # By way of the memory: a writer that meets a full disk by itself complains once more when it is collected.
+    path.write_bytes(iio.imwrite("<bytes>", pixels, extension=path.suffix, **options))
 
 
 def video_names(kind: str) -> tuple[str, ...]:
