@@ -52,6 +52,7 @@ def check_memory(first: Mapping[str, NDArray[np.float64]], memory: Mapping[str, 
 def start_remarks(assembly: Assembly) -> Iterator[Remark]:
     """What is in another thing's place at the start: bodies in each other, bodies inside colliders; odd mesh files."""
     yield from (Remark(WarningKind.MESH, line, line) for line in assembly.remarks)
+    yield from (Remark(WarningKind.IDLE, line, line) for line in _idle(assembly))
     names = [body.name for body in assembly.scene.bodies]
     for touching, end in ((True, ""), (False, f"; {NO_RADIUS}")):
         pairs = BodyPairs(assembly, touching)
@@ -66,6 +67,17 @@ def start_remarks(assembly: Assembly) -> Iterator[Remark]:
         told = [f"{names[one.body]!r} {one.depth:.2g} m deep in {one.collider}" for one in sunk]
         if told:
             yield Remark(WarningKind.STARTS_INSIDE, f"bodies start inside colliders: {few(told, 'bodies')}")
+
+
+def _idle(assembly: Assembly) -> Iterator[str]:
+    """What does nothing, though the scene asks for it."""
+    scene = assembly.scene
+    if not (scene.actions or (assembly.unheld().inverse_masses > 0.0).any()):
+        yield "bodies: every particle is pinned or held, nothing can move"
+    if scene.wind is not None and scene.wind.start >= scene.duration:
+        yield f"wind: begins at {scene.wind.start:g} s, when the run is over"
+    if scene.render.poster is not None and scene.render.poster > scene.duration:
+        yield f"render.poster: at {scene.render.poster:g} s the run is over; the last picture is taken"
 
 
 NO_RADIUS = 'they pass through each other, for want of a contact radius: give both radius = "auto", or a number'

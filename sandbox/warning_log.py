@@ -46,6 +46,8 @@ class WarningKind(StrEnum):
     """Restitution under a scheme whose step decides how high bodies bounce, by damping or by gaining energy."""
     ACTION = "action"
     """An action found nothing to act on, or comes too late."""
+    IDLE = "idle"
+    """Something that the scene asks for does nothing."""
     MESH = "mesh"
     """A mesh file is of an odd size, or not well covered by its lattice."""
 

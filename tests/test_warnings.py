@@ -48,6 +48,20 @@ def test_a_line_takes_the_place_of_the_one_about_the_same_thing_and_the_first_on
     assert log.lines == []
 
 
+def test_what_does_nothing_is_told():
+    def told(pin=None, **more):
+        body = box() if pin is None else box(pin=pin)
+        return [one.line for one in start_remarks(assemble(scene_of(body, **more))) if one.kind is WarningKind.IDLE]
+
+    everything = {"indices": list(range(12))}
+    wind = {"velocity": [1.0, 0.0]}
+    assert told() == told({"indices": [0]}) == told(wind=wind, render={"poster": 1.0}) == []
+    assert told(everything) == ["bodies: every particle is pinned or held, nothing can move"]
+    assert told(everything, actions=[{"kind": "unpin", "body": "box", "time": 0.5}]) == []
+    assert told(wind=wind | {"start": 1.0}) == ["wind: begins at 1 s, when the run is over"]
+    assert told(render={"poster": 1.5}) == ["render.poster: at 1.5 s the run is over; the last picture is taken"]
+
+
 def test_a_step_above_the_limit_is_known_from_the_start_and_stays_known(simulate):
     with pytest.warns(StabilityWarning, match=r"solver.dt = 0.1 s is above the stability limit 0.06325 s") as caught:
         simulation = simulate(oscillator("symplectic_euler", 0.1))

@@ -1,6 +1,6 @@
 """Bodies: what they are made of, what is inside, and what holds them."""
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
@@ -78,12 +78,18 @@ class Pin(Model):
     indices: tuple[Index, ...] = Field((), description="particle indices within the body")
     region: Region | None = Field(None, description="world box [m]; every particle of the body in it is pinned")
 
+    @model_validator(mode="after")
+    def _some(self) -> "Pin":
+        if not self.indices and self.region is None:
+            raise PydanticCustomError("pins_nothing", "give indices or a region", {})
+        return self
+
 
 class Pressure(Model):
     """Ideal gas in a closed body (ring, shell, closed mesh): p = n R T / V against the ambient pressure."""
 
     amount: NonNegative | None = Field(None, description="amount of gas n [mol]")
-    temperature: Positive = Field(293.15, description="temperature T [K]")
+    temperature: Annotated[Positive, Field(le=1e6)] = Field(293.15, description="temperature T [K]")
     gauge_pressure: Real | None = Field(None, description="pressure above the ambient in the shape at rest [Pa]")
     ambient: NonNegative = Field(101325.0, description="pressure outside [Pa]")
     leak: NonNegative = Field(0.0, description="rate at which gas above the ambient pressure escapes [1/s]")

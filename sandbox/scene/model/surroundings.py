@@ -1,6 +1,9 @@
 """What acts on bodies from outside: air, and each other."""
 
-from pydantic import Field
+from typing import Annotated
+
+from pydantic import Field, model_validator
+from pydantic_core import PydanticCustomError
 
 from sandbox.scene.model.base import Direction, Flag, Index, Model, NonNegative, Positive, Real, Vector
 
@@ -36,11 +39,17 @@ class Wind(Model):
     end: Positive | None = Field(None, description="when it ends [s]; default: never")
     rise: NonNegative = Field(0.0, description="time to rise to full strength, and to fall at the end [s]")
 
+    @model_validator(mode="after")
+    def _lasts(self) -> "Wind":
+        if self.end is not None and self.end <= self.start:
+            raise PydanticCustomError("ends_first", "end must be later than start", {})
+        return self
+
 
 class Contact(Model):
     """How particles meet particles."""
 
     enabled: Flag = Field(True, description="false: bodies meet colliders only, whatever their radii")
-    skin: Positive = Field(
+    skin: Annotated[Positive, Field(le=100)] = Field(
         0.25, description="extra reach of neighbour lists over the largest radius [1]; wider ones are made less often"
     )
