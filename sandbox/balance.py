@@ -9,7 +9,7 @@ class EnergyBalance:
     """Follows measurements of a run with ``diagnostics.ledger`` on."""
 
     def __init__(self, first: Measurement) -> None:
-        self._first = first
+        self._first = _unexplained(first)
         self._last = first
         self.moved = 0.0
         """Energy that went from one form or term to another, from look to look [J]."""
@@ -24,7 +24,18 @@ class EnergyBalance:
     @property
     def unexplained(self) -> float:
         """Change of the total energy less all booked work [J]: the error of the scheme."""
-        return _unexplained(self._last) - _unexplained(self._first)
+        return _unexplained(self._last) - self._first
+
+    def memory(self) -> tuple[float, float]:
+        """What :meth:`resumed` takes."""
+        return self.moved, self._first
+
+    @classmethod
+    def resumed(cls, memory: tuple[float, float], last: Measurement) -> "EnergyBalance":
+        """The balance that gave this memory when ``last`` was measured."""
+        balance = cls(last)
+        balance.moved, balance._first = memory
+        return balance
 
 
 def _amounts(measured: Measurement) -> dict[str, float]:

@@ -18,7 +18,7 @@ from sandbox.scene.load import scene_from_data, to_toml
 from sandbox.scene.model import Scene
 
 _FORMAT = 2
-_MEMORY = "memory."
+_MEMORY, _RUN = "memory.", "run."
 _MOST_UNPACKED, _MOST_RATIO = 1 << 26, 200
 """Bytes that a file may always unpack to, and to how many times its size it may beyond: a state is no repetition."""
 
@@ -44,13 +44,20 @@ class Checkpoint:
     """The step taken now [s], and what its choice goes by; empty for what the scene says."""
     memory: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     """What parts remember beyond that, by name: rest lengths, amounts of gas, torn springs."""
+    run: dict[str, NDArray[Any]] = field(default_factory=dict)
+    """Of a run that is not done: what it has gathered, by name, see :mod:`sandbox.unfinished`."""
 
 
-def write(path: str | os.PathLike[str], checkpoint: Checkpoint) -> None:
-    """Write a checkpoint; the file appears under its name only once it is whole."""
-    with replace_when_whole(Path(path)) as temporary, temporary.open("wb") as file:
+def write(path: str | os.PathLike[str], checkpoint: Checkpoint, in_passing: bool = False) -> None:
+    """Write a checkpoint; the file appears under its name only once it is whole.
+
+    ``in_passing`` takes little time: it does not compress, nor wait for the disk.
+    """
+    with replace_when_whole(Path(path), syncs=not in_passing) as temporary, temporary.open("wb") as file:
         memory: dict[str, Any] = {_MEMORY + name: values for name, values in checkpoint.memory.items()}
-        np.savez_compressed(
+        run: dict[str, Any] = {_RUN + name: values for name, values in checkpoint.run.items()}
+        save = np.savez if in_passing else np.savez_compressed
+        save(
             file,
             format=_FORMAT,
             scene=np.array(to_toml(checkpoint.scene)),
@@ -62,6 +69,7 @@ def write(path: str | os.PathLike[str], checkpoint: Checkpoint) -> None:
             precision=np.array(checkpoint.precision),
             steps=np.array(checkpoint.steps, dtype=np.float64),
             **memory,
+            **run,
         )
 
 
@@ -86,6 +94,7 @@ def read(path: str | os.PathLike[str]) -> Checkpoint:
                     for name in data.files
                     if name.startswith(_MEMORY)
                 },
+                run={name.removeprefix(_RUN): data[name] for name in data.files if name.startswith(_RUN)},
             )
         _check_values(found)
         return found

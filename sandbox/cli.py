@@ -67,7 +67,12 @@ def run(
     arch: Annotated[str, typer.Option(help="cpu, cuda, vulkan or metal.")] = "cpu",
     precision: Annotated[str | None, typer.Option(help="f32 or f64; the scene's by default.")] = None,
     threads: Annotated[int | None, typer.Option(help="CPU threads; all cores by default.")] = None,
-    resume: Annotated[Path | None, typer.Option(metavar="FILE", help="Go on from a checkpoint.")] = None,
+    resume: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE|DIR", help="Go on from a checkpoint, or with the run that a folder holds unfinished."
+        ),
+    ] = None,
     actions: ActionsOption = None,
     trajectory: cli_export.TrajectoryOption = None,
     export: cli_export.ExportOption = None,

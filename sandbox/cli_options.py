@@ -86,7 +86,12 @@ def ending(folder: Path) -> Iterator[None]:
         yield
     except KeyboardInterrupt as interrupt:
         tell(getattr(interrupt, "__notes__", []))
-        raise SandboxError(f"interrupted; {folder} holds what was simulated until then") from None
+        from sandbox.output.folder import CHECKPOINT, left_over
+
+        if not (folder / CHECKPOINT).is_file() and not left_over(folder):
+            raise SandboxError("interrupted before the first picture; nothing is kept") from None
+        hint = f"--resume {folder} goes on from there"
+        raise SandboxError(f"interrupted; {folder} holds what was simulated until then: {hint}") from None
     except DivergedError as error:
         tell(getattr(error, "__notes__", []))
         raise

@@ -10,6 +10,7 @@ import numpy as np
 from sandbox.errors import SceneError
 from sandbox.output.folder import RunFolder
 from sandbox.output.frames import Frame, FrameWriter, Stem
+from sandbox.output.kept_frames import KEPT_FRAMES, KeptFrames
 from sandbox.output.trajectory import RunInfo, TrajectoryKind, TrajectoryWriter, check_kind
 from sandbox.scene.assemble import Assembly
 from sandbox.scene.model import ColorBy
@@ -115,16 +116,34 @@ class FrameRecorder:
         arch: str,
         trajectory: str | None,
         exports: Sequence[str],
+        begin: float,
+        earlier: int = 0,
     ) -> "FrameRecorder":
-        """A recorder of the kinds of trajectory and mesh files that a run wants."""
+        """A recorder of the kinds of trajectory and mesh files that a run from ``begin`` [s] wants.
+
+        ``earlier`` frames that the folder keeps are written again first.
+        """
         scene = simulation.scene
-        pictures = max(1, math.ceil((scene.duration - simulation.time) * scene.render.fps - 1e-6))
+        pictures = max(1, math.ceil((scene.duration - begin) * scene.render.fps - 1e-6))
         writers = open_exports(exports, folder, simulation.assembly, simulation.precision, name, pictures)
-        kind = check_kind("--trajectory", trajectory)
+        kind, tears = check_kind("--trajectory", trajectory), simulation.torn is not None
         if kind is not None:
-            tears = simulation.torn is not None
             run = RunInfo(name, simulation.precision, arch, simulation.particle_count, simulation.spring_count, tears)
             writers.append(TrajectoryWriter(folder.partial, TrajectoryKind(kind), scene, run))
+        if writers:
+            kept = KeptFrames(
+                folder.partial / KEPT_FRAMES,
+                simulation.particle_count,
+                simulation.assembly.dimension,
+                simulation.spring_count if tears else 0,
+                simulation.spring_count > 0,
+                np.float64 if simulation.precision == "f64" else np.float32,
+                earlier,
+            )
+            for frame in kept.frames():
+                for writer in writers:
+                    writer.write(frame)
+            writers.append(kept)
         return cls(simulation, writers)
 
     def write(self, number: int, merit: float) -> None:

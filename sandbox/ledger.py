@@ -53,9 +53,12 @@ class Ledger:
         return dict(zip(TERMS, (float(value) for value in self._sums()), strict=True))
 
     def _sums(self) -> FloatArray:
+        return np.asarray(self._earlier + self._by_particle().sum(axis=1))
+
+    def _by_particle(self) -> FloatArray:
         work = np.empty((len(TERMS), self.count))
         self._read(work)
-        return np.asarray(self._earlier + work.sum(axis=1))
+        return work
 
     def book(self, term: str, joules: float) -> None:
         """Book work that is known as a whole [J], between steps."""
@@ -76,14 +79,19 @@ class Ledger:
         self.remember(self._kept)
 
     def memory(self) -> dict[str, FloatArray]:
-        """The books, for :meth:`remember`."""
-        return {"ledger.work": self._sums(), "ledger.impulses": self.impulses.to_numpy().astype(np.float64)}
+        """The books, for :meth:`remember`; not summed up, so that what is booked later is rounded as ever."""
+        return {
+            "ledger.earlier": self._earlier.copy(),
+            "ledger.work": self._by_particle(),
+            "ledger.impulses": self.impulses.to_numpy().astype(np.float64),
+        }
 
     def remember(self, values: dict[str, FloatArray]) -> None:
         """Open the books with what :meth:`memory` gave; without it, empty."""
         self.clear()
         if "ledger.work" in values:
-            self._earlier[:] = values["ledger.work"]
+            self._earlier[:] = values["ledger.earlier"]
+            self.work.from_numpy(values["ledger.work"])
             self.impulses.from_numpy(values["ledger.impulses"].astype(self._number))
 
     @ti.func

@@ -116,6 +116,11 @@ class Observed:
         stepper = self._wake().stepper
         return stepper.report() if hasattr(stepper, "report") else {}
 
+    @property
+    def tallies(self) -> list[Any]:
+        """Fields that count how steps went, for :meth:`solver_report`."""
+        return list(self._wake().stepper.tallies)
+
     def state_hash(self) -> str:
         """SHA-256 of positions and velocities: equal for equal trajectories."""
         digest = hashlib.sha256()

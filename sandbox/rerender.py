@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import imageio.v3 as iio
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,7 +18,7 @@ from sandbox.output.folder import RunFolder
 from sandbox.output.frames import Frame
 from sandbox.output.progress import NoProgress, ProgressReport
 from sandbox.output.trajectory import Trajectory
-from sandbox.output.video import open_writer, video_names
+from sandbox.output.video import open_writer, video_names, write_image
 from sandbox.scene.assemble import Assembly, assemble
 from sandbox.scene.load import scene_from_data, to_toml
 from sandbox.scene.model import ColorBy, Scene
@@ -182,7 +181,7 @@ def rerender(
             StoredPictures(trajectory, scene, options.renderer, options.arch, options.threads)
         ) as pictures:
             poster = _draw_all(trajectory, pictures, folder, step, options.video, scene.render.fps, pace)
-        iio.imwrite(folder.partial / "poster.png", poster)
+        write_image(folder.partial / "poster.png", poster)
         folder.write_text("scene.toml", to_toml(scene))
         return folder.publish()
 
@@ -209,6 +208,7 @@ def _draw_all(
             best = (frame.merit, picture)
         pace.update(frame.time)
     writer.close()
+    writer.settle()
     assert best is not None
     return best[1]
 

@@ -78,8 +78,8 @@ class Simulation(Observed):
         """Longest step [s]; every call divides its time into equal steps of at most this."""
         if warns:
             self.warning_log.open([*self._steps.remarks(), *start_remarks(self.assembly)])
-        self._watch = Watch(self.assembly, self.warning_log) if warns else None
-        self._energy_watch = EnergyWatch.of(self.assembly) if scene.solver.adapt is not None else None
+        self.watch = Watch(self.assembly, self.warning_log) if warns else None
+        self.energy_watch = EnergyWatch.of(self.assembly) if scene.solver.adapt is not None else None
         self._first_solver = scene.solver
         self.explains_failures = True
         """Whether a blow-up is looked into step by step; studies that provoke them have no time for that."""
@@ -123,8 +123,8 @@ class Simulation(Observed):
         for done in range(0, steps, between_checks):
             self._advance_checked(min(between_checks, steps - done), dt)
             self.time = start + min(done + between_checks, steps) * dt
-            if self._watch is not None:
-                self._watch.look(self)
+            if self.watch is not None:
+                self.watch.look(self)
             if self.dt != longest and done + between_checks < steps:
                 return False
         return True
@@ -138,7 +138,7 @@ class Simulation(Observed):
 
     def _advance_checked(self, steps: int, dt: float) -> None:
         pipeline = self._wake()
-        before = self.measure() if self._energy_watch is not None else None
+        before = self.measure() if self.energy_watch is not None else None
         pipeline.keep()
         pipeline.stepper.advance(steps, dt, self.time)
         self._measurement = None
@@ -148,7 +148,7 @@ class Simulation(Observed):
             self._advance_checked(steps, dt)
             return
         alarm = pipeline.alarm()
-        gained = self._energy_watch is not None and self._energy_watch.is_suspicious(before, self.measure())
+        gained = self.energy_watch is not None and self.energy_watch.is_suspicious(before, self.measure())
         if alarm or gained or self._out_of_bounds(self.measure()):
             error = self._diverged(steps, dt) if self.explains_failures else self._given_up()
             self._rescue(steps, dt, error)
@@ -226,8 +226,8 @@ class Simulation(Observed):
 
     def _look_anew(self) -> None:
         """The state has become another one: what was seen of the last one says nothing of it."""
-        if self._watch is not None:
-            self._watch.begin(self)
+        if self.watch is not None:
+            self.watch.begin(self)
 
     def retune(self, assembly: Assembly) -> None:
         """Go to the start with other masses and springs of the same bodies, with everything compiled."""
@@ -283,20 +283,22 @@ class Simulation(Observed):
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a checkpoint (.npz) that :meth:`load` continues bit for bit."""
-        settings = self._settings
-        checkpoint.write(
-            path,
-            checkpoint.Checkpoint(
-                scene=self.scene,
-                time=self.time,
-                positions=self.positions(),
-                velocities=self.velocities(),
-                force_velocities=self.force_velocities(),
-                arch=settings.arch,
-                precision=settings.precision,
-                steps=(self.dt, *self._steps.memory()),
-                memory=self.memory,
-            ),
+        checkpoint.write(path, self.snapshot())
+
+    def snapshot(self) -> checkpoint.Checkpoint:
+        """The scene and its state now."""
+        settings, (positions, velocities, seen) = self._settings, self._read()
+        order = self.assembly.scene_order
+        return checkpoint.Checkpoint(
+            scene=self.scene,
+            time=self.time,
+            positions=order(positions),
+            velocities=order(velocities),
+            force_velocities=order(seen),
+            arch=settings.arch,
+            precision=settings.precision,
+            steps=(self.dt, *self._steps.memory()),
+            memory=self.memory,
         )
 
     @classmethod

@@ -85,6 +85,14 @@ class WarningLog:
         """Say ``line``; it takes the place of what was said of that kind ``about`` the same thing."""
         self._lines[kind, about] = line
 
+    def memory(self) -> list[tuple[str, str, str]]:
+        """Kind, what it is about, and line of all, for :meth:`remember`."""
+        return [(str(kind), about, line) for (kind, about), line in self._lines.items()]
+
+    def remember(self, memory: Iterable[tuple[str, str, str]]) -> None:
+        """Say what was said before, and nothing else. Raises ValueError where that is no memory."""
+        self._lines = {(WarningKind(kind), about): line for kind, about, line in memory}
+
     @property
     def lines(self) -> list[str]:
         """One line a warning."""

@@ -5,7 +5,7 @@ when, and till when; what is over in an instant only where it was much. docs/war
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import Any
 
 import numpy as np
@@ -94,8 +94,33 @@ class Watch:
         self.begun, self.tally = _Tally(), _Tally()
         # What passes through each other from the start on is told then, see start_remarks.
         self.passing = BodyPairs(self.assembly, touching=False)
+        self.passed: list[tuple[int, int]] = []
         for overlap in self.passing.overlaps(positions) if self.passing else ():
             self.passing.forget(overlap.first, overlap.second)
+            self.passed.append((overlap.first, overlap.second))
+
+    def memory(self) -> dict[str, Any]:
+        """What was seen so far as plain data, for :meth:`remember`."""
+        return {
+            "spells": [(body, *astuple(spell)) for body, spell in self.spells.items()],
+            "sunk": [(*astuple(sunk), time) for sunk, time in self.sunk.values()],
+            "depths": (self.deep_since, self.deepest, self.overlap),
+            "bodies": (self.next_time, self.met, self.passed),
+            "solver": (self.scheme, astuple(self.begun), astuple(self.tally)),
+        }
+
+    def remember(self, memory: Mapping[str, Any]) -> None:
+        """Go on from what was seen before, in the same scene."""
+        self.spells = {int(body): _Spell(*values) for body, *values in memory["spells"]}
+        self.sunk = {(body, name): (Sunk(body, name, depth), time) for body, name, depth, time in memory["sunk"]}
+        self.deep_since, self.deepest, self.overlap = memory["depths"]
+        self.next_time, self.met, passed = memory["bodies"]
+        self.passing = BodyPairs(self.assembly, touching=False)
+        self.passed = [(first, second) for first, second in passed]
+        for first, second in self.passed:
+            self.passing.forget(first, second)
+        self.scheme, begun, tally = memory["solver"]
+        self.begun, self.tally = _Tally(*begun), _Tally(*tally)
 
     def look(self, simulation: Any) -> None:
         """Note what there is to be seen now."""
@@ -167,6 +192,7 @@ class Watch:
     def _look_at_bodies(self, simulation: Any) -> None:
         for overlap in self.passing.overlaps(simulation.state.read()[0]):
             self.passing.forget(overlap.first, overlap.second)
+            self.passed.append((overlap.first, overlap.second))
             first, second = self.names[overlap.first], self.names[overlap.second]
             self.met.append(f"{first!r} and {second!r} from t = {simulation.time:.3g} s on")
             line = f"bodies are in each other's place: {few(self.met, 'pairs')}; {NO_RADIUS}"

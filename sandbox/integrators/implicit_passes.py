@@ -42,6 +42,7 @@ class ImplicitPasses(Stepper):
         self.end = StepEnd(state, replace(setup.parts, colliders=ground), setup.pinned)
         self.linear = ConjugateGradients(builder, state, self.laws, self.resting, solver.linear_iterations)
         self.newton = Newton(builder, self.linear, self.laws, solver.iterations or MOST_ITERATIONS, solver.tolerance)
+        self.tallies.append(self.newton.tally)
         self.base = place(builder, self.vector.field(), state.count)
         """Velocity from which the line search goes out [m/s]."""
         self.guess = place(builder, self.vector.field(), state.count)

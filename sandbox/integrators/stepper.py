@@ -63,6 +63,8 @@ class Stepper:
     def __init__(self, setup: Setup, kick: PlainKick | DragKick) -> None:
         state, parts = setup.state, setup.parts
         self.state = state
+        self.tallies: list[Any] = []
+        """Fields that count how steps went, for reports; they do not change a state."""
         self.serial = setup.serial
         self.drag = setup.drag
         self.laws = parts.laws

@@ -76,6 +76,7 @@ class VertexBlockDescent(Stepper):
         real, count = runtime.real(), self.state.count
         self.left = place(builder, ti.field(ti.f64), 2)
         """Relative residual after the last sweep of the last call, and the largest since the start [1]."""
+        self.tallies.append(self.left)
         if self.accelerates:
             self.omega = place(builder, ti.field(real), self.sweeps)
             """Chebyshev's factor after every sweep [1]."""

@@ -65,6 +65,7 @@ class Xpbd(Stepper):
         fine = self.sums.fine
         self.residuals = place(builder, ti.field(fine), 2)
         """Relative residual of the last step looked at, and the largest [1]."""
+        self.tallies.append(self.residuals)
         self.noise = place(builder, ti.field(fine), self.state.count)
         """Force that rounding of its place makes at a particle [N], over that place."""
         outer, inner = ([law for law in laws if hasattr(law, "dissipation_on")] for laws in (self.outer, self.inner))

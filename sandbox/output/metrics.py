@@ -14,11 +14,20 @@ _AXES = "xyz"
 class MetricsWriter:
     """Writes a row for every measured instant."""
 
-    def __init__(self, path: Path, assembly: Assembly) -> None:
+    def __init__(self, path: Path, assembly: Assembly, size: int = 0) -> None:
+        """``size`` are the bytes of an earlier file to go on with; what comes after them there is dropped.
+
+        Raises ValueError where there are not so many.
+        """
         cells, tears, ledger = len(assembly.cells) > 0, assembly.spring_set.tears, assembly.scene.diagnostics.ledger
         self._cells, self._tears, self._ledger = cells, tears, ledger
-        self._file = path.open("w", newline="", encoding="utf-8")
+        if size and path.stat().st_size < size:
+            raise ValueError(f"{path} ends early")
+        self._file = path.open("r+" if size else "w", newline="", encoding="utf-8")
         self._writer: Any = csv.writer(self._file)
+        if size:
+            self._file.seek(self._file.truncate(size))
+            return
         axes = _AXES[: assembly.dimension]
         turns = ["z"] if assembly.dimension == 2 else list(axes)
         self._writer.writerow(
@@ -46,6 +55,12 @@ class MetricsWriter:
         if self._ledger and measured.work is not None:
             numbers.extend(measured.work[term] for term in TERMS)
         self._writer.writerow([frame, *(f"{number:.9g}" for number in numbers)])
+        self._file.flush()
+
+    @property
+    def size(self) -> int:
+        """Bytes so far."""
+        return self._file.tell()
 
     def close(self) -> None:
         """Finish the file."""

@@ -72,6 +72,8 @@ class Timings:
     encode: list[float] = field(default_factory=list)
     export: list[float] = field(default_factory=list)
     """Trajectory and mesh files."""
+    keep: list[float] = field(default_factory=list)
+    """Checkpoints on the way."""
 
     @contextlib.contextmanager
     def measure(self, part: str) -> Iterator[None]:
@@ -83,7 +85,7 @@ class Timings:
     def summary(self, total: float) -> dict[str, float]:
         """Seconds a part; medians leave out the first picture, which compiles."""
         table = {"setup": self.setup, "first_step": self.first_step, "total": total}
-        for part in ("simulate", "render", "encode", *(["export"] if self.export else [])):
+        for part in ("simulate", "render", "encode", "keep", *(["export"] if self.export else [])):
             values = getattr(self, part)
             table[part] = sum(values)
             table[f"{part}_median_per_picture"] = median(values[1:] or values or [0.0])

@@ -1,96 +1,63 @@
 """Writers of pictures: H.264 and VP9 video, GIF, numbered PNG files, or nothing."""
 
-import itertools
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import imageio.v3 as iio
 import numpy as np
-from numpy.typing import NDArray
 
-Picture = NDArray[np.uint8]
-
-_CODECS = {"mp4": "libx264", "webm": "libvpx-vp9"}
-
-
-class PictureWriter(Protocol):
-    """Takes pictures of shape (height, width, 3), one after the other."""
-
-    def write(self, picture: Picture) -> None: ...
-
-    def close(self) -> None: ...
-
-
-class VideoWriter:
-    """H.264 (.mp4) or VP9 (.webm) through imageio's pyav plugin, yuv420p so that every player shows it."""
-
-    def __init__(self, path: Path, kind: str, fps: float) -> None:
-        self._path, self._kind, self._fps = path, kind, fps
-        self._file: Any = None
-
-    def write(self, picture: Picture) -> None:
-        """Append one picture. The first one opens the file: a video without pictures is none."""
-        if self._file is None:
-            self._file = iio.imopen(self._path, "w", plugin="pyav", extension=f".{self._kind}")
-            self._file.init_video_stream(_CODECS[self._kind], fps=float(self._fps), pixel_format="yuv420p")
-        self._file.write_frame(picture)
-
-    def close(self) -> None:
-        """Finish the file."""
-        if self._file is not None:
-            self._file.close()
-
-
-class GifWriter:
-    """Animated GIF; its time steps are hundredths of a second, so single pictures last a little more or less."""
-
-    def __init__(self, path: Path, fps: float) -> None:
-        self._path = path
-        self._fps = fps
-        self._pictures: list[Picture] = []
-
-    def write(self, picture: Picture) -> None:
-        """Append one picture."""
-        self._pictures.append(picture)
-
-    def close(self) -> None:
-        """Write the file."""
-        if self._pictures:
-            # Rounded from the start each time, so that the whole keeps its length.
-            ends = [round(100.0 * n / self._fps) * 10 for n in range(len(self._pictures) + 1)]
-            durations = [max(20, end - start) for start, end in itertools.pairwise(ends)]
-            write_image(self._path, np.stack(self._pictures), duration=durations, loop=0)
+from sandbox.output.gif import GifWriter
+from sandbox.output.grouped_video import KINDS, VideoWriter
+from sandbox.output.pictures import Memory, Picture, PictureWriter
 
 
 class PngWriter:
     """Numbered PNG files in a folder: 00001.png and so on."""
 
-    def __init__(self, folder: Path) -> None:
-        folder.mkdir()
+    between_groups = True
+
+    def __init__(self, folder: Path, memory: Memory | None = None) -> None:
+        folder.mkdir(exist_ok=memory is not None)
         self._folder = folder
-        self._count = 0
+        self._count = 0 if memory is None else int(memory["count"])
 
     def write(self, picture: Picture) -> None:
         """Write one picture."""
         self._count += 1
         write_image(self._folder / f"{self._count:05d}.png", picture, compress_level=1)
 
-    def close(self) -> None:
+    def close(self, indexes: bool = True) -> None:
         """Nothing is left to do."""
+
+    def settle(self) -> None:
+        """Nothing is left to do."""
+
+    def memory(self) -> Memory:
+        """How many pictures there are."""
+        return {"count": np.array(self._count)}
 
 
 class NullWriter:
     """Takes pictures and forgets them."""
 
+    between_groups = True
+
     def write(self, picture: Picture) -> None:
         """Forget one picture."""
 
-    def close(self) -> None:
+    def close(self, indexes: bool = True) -> None:
         """Nothing is left to do."""
+
+    def settle(self) -> None:
+        """Nothing is left to do."""
+
+    def memory(self) -> Memory:
+        """Nothing."""
+        return {}
 
 
 def write_image(path: Path, pixels: Picture, **options: Any) -> None:
-    """Write a picture, or several as an animation, in the format of the path's ending. Raises OSError."""
+    """Write a picture in the format of the path's ending. Raises OSError."""
     # By way of the memory: a writer that meets a full disk by itself complains once more when it is collected.
     path.write_bytes(iio.imwrite("<bytes>", pixels, extension=path.suffix, **options))
 
@@ -100,12 +67,15 @@ def video_names(kind: str) -> tuple[str, ...]:
     return () if kind == "none" else ("frames",) if kind == "png" else (f"video.{kind}",)
 
 
-def open_writer(folder: Path, kind: str, fps: float) -> PictureWriter:
-    """A writer of ``kind`` mp4, webm, gif, png or none, into ``folder``: video.KIND, or frames/ for png."""
-    if kind in _CODECS:
-        return VideoWriter(folder / f"video.{kind}", kind, fps)
+def open_writer(folder: Path, kind: str, fps: float, memory: Memory | None = None) -> PictureWriter:
+    """A writer of ``kind`` mp4, webm, gif, png or none, into ``folder``: video.KIND, or frames/ for png.
+
+    With the ``memory`` of an earlier writer it goes on with what that one left there, whatever came after.
+    """
+    if kind in KINDS:
+        return VideoWriter(folder / f"video.{kind}", KINDS[kind], fps, memory)
     if kind == "gif":
-        return GifWriter(folder / "video.gif", fps)
+        return GifWriter(folder / "video.gif", fps, memory)
     if kind == "png":
-        return PngWriter(folder / "frames")
+        return PngWriter(folder / "frames", memory)
     return NullWriter()

@@ -42,19 +42,19 @@ def test_a_full_disk_leaves_the_earlier_run_as_it_was(tmp_path, monkeypatch):
     with pytest.raises(SandboxError, match="cannot be written: No space left on device") as caught:
         quick_run(tmp_path, **{"gravity": [0.0, -5.0]})
     assert caught.value.exit_code == 1
-    assert {entry.name: entry.read_bytes() for entry in tmp_path.iterdir()} == before
+    assert {entry.name: entry.read_bytes() for entry in tmp_path.iterdir() if entry.is_file()} == before
 
 
 def test_a_crash_leaves_the_earlier_run_as_it_was(tmp_path, monkeypatch):
     quick_run(tmp_path)
     before = {entry.name: entry.read_bytes() for entry in tmp_path.iterdir()}
-    monkeypatch.setattr("sandbox.headless.MetricsWriter.write", lambda *_: 1 / 0)
+    monkeypatch.setattr("sandbox.recorder.MetricsWriter.write", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         quick_run(tmp_path)
     assert {entry.name: entry.read_bytes() for entry in tmp_path.iterdir()} == before
 
 
-def test_a_killed_run_leaves_a_hidden_folder_that_the_next_run_removes(tmp_path):
+def test_a_killed_run_leaves_a_folder_that_the_next_run_removes(tmp_path):
     script = (
         "from pathlib import Path; import sys, os, signal\n"
         "from sandbox.output.folder import RunFolder\n"
@@ -64,9 +64,9 @@ def test_a_killed_run_leaves_a_hidden_folder_that_the_next_run_removes(tmp_path)
     root = Path(folder_module.__file__).parents[2]
     killed = subprocess.run([sys.executable, "-c", script, str(tmp_path)], cwd=root)
     assert killed.returncode < 0
-    assert [entry.name[:9] for entry in tmp_path.iterdir()] == [".partial-"]
+    assert [entry.name[:11] for entry in tmp_path.iterdir()] == ["unfinished-"]
     quick_run(tmp_path)
-    assert not list(tmp_path.glob(".partial-*"))
+    assert not list(tmp_path.glob("unfinished-*"))
     assert (tmp_path / "summary.json").exists()
 
 
@@ -78,7 +78,7 @@ def test_an_interrupted_run_keeps_what_it_has(tmp_path):
     process = subprocess.Popen([*command, "--out", str(tmp_path)], cwd=root, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 60.0
     while time.monotonic() < deadline:
-        if any(path.stat().st_size > 4096 for path in tmp_path.glob(".partial-*/metrics.csv")):
+        if any(path.stat().st_size > 4096 for path in tmp_path.glob("unfinished-*/metrics.csv")):
             break
         time.sleep(0.1)
     process.terminate()

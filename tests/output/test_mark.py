@@ -182,16 +182,17 @@ def test_a_run_that_was_killed_while_it_published_is_replaced(tmp_path, monkeypa
         patch.setattr(Path, "replace", killed_at_the_scene)
         after.publish()
     assert contents(tmp_path)["metrics.csv"] == b"2" and contents(tmp_path)["scene.toml"] == b"1"
+    monkeypatch.setattr("sandbox.output.folder._own", set())  # as in another process
     leave(tmp_path, metrics_csv="3", scene_toml="3")
     assert contents(tmp_path) == {"metrics.csv": b"3", "scene.toml": b"3"}
 
 
-def test_hidden_folders_of_others_stay(tmp_path):
-    for name in (".partial-notes", ".partial-77"):
+def test_unfinished_folders_of_others_stay(tmp_path):
+    for name in ("unfinished-notes", "unfinished-77"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "mine").write_text("mine")
     leave(tmp_path, metrics_csv="x")
-    assert {".partial-notes/mine", ".partial-77/mine"} <= contents(tmp_path).keys()
+    assert {"unfinished-notes/mine", "unfinished-77/mine"} <= contents(tmp_path).keys()
 
 
 def test_a_study_forgets_its_rows_and_nothing_else(tmp_path):

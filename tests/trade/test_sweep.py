@@ -120,7 +120,7 @@ def test_a_sweep_killed_half_way_goes_on_to_the_same_numbers(run_cli, scene, tmp
     assert (code, errors) == (0, "") and "6 runs" in printed
     assert rows_of(half) == rows_of(whole)
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
-    assert not list(half.glob("*/.partial-*"))
+    assert not list(half.glob("*/unfinished-*"))
 
 
 def test_an_interrupted_sweep_says_how_to_go_on(scene, tmp_path):
@@ -132,7 +132,7 @@ def test_an_interrupted_sweep_says_how_to_go_on(scene, tmp_path):
         preexec_fn=heed_interrupts,
     )  # fmt: skip
     end = time.monotonic() + 60.0
-    while len(list(out.glob("*/.partial-*"))) < 2 and time.monotonic() < end:
+    while len(list(out.glob("*/unfinished-*"))) < 2 and time.monotonic() < end:
         time.sleep(0.05)
     os.killpg(begun.pid, signal.SIGINT)
     printed, errors = begun.communicate(timeout=30.0)
