@@ -80,7 +80,7 @@ class Recorder:
             self._drop_but_kept()
             simulation.resume(earlier.saved)
             recall(simulation, earlier.note["history"])
-        elif options.resume is not None and options.resume.is_file():
+        elif options.resume is not None and not options.resume.is_dir():
             self._resume(options.resume)
         self.begun = simulation.time
         """Where this process began [s]."""

@@ -55,7 +55,8 @@ class Unfinished:
 
 def write(folder: Path, saved: checkpoint.Checkpoint, note: dict[str, Any], arrays: Arrays) -> None:
     """Put a checkpoint of a run into its folder, in place of an earlier one."""
-    run = {"note": np.array(json.dumps(note)), **arrays}
+    # Numbers that come from arrays are NumPy's own.
+    run = {"note": np.array(json.dumps(note, default=lambda number: number.item())), **arrays}
     checkpoint.write(folder / CHECKPOINT, replace(saved, run=run), in_passing=True)
 
 

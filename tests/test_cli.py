@@ -115,7 +115,7 @@ WRONG = [
     (("run", "jelly", "--arch", "abacus"), "arch 'abacus': must be one of cpu, cuda, vulkan, metal"),
     (("run", "jelly", "--precision", "f16"), "precision 'f16': must be f32 or f64"),
     (("run", "jelly", "--threads", "100000"), "threads 100000: at most"),
-    (("run", "jelly", "--set", "bodies.0.material.youngs_modulus=1e14"), "jelly: solver.dt: "),
+    (("run", "jelly", "--set", "bodies.0.material.youngs_modulus=1e14", "--fps", "2"), "jelly: solver.dt: "),
     (("run", "jelly", "--set", "bodies.0.material.youngs_modulus=1e300"), "youngs_modulus: must not be beyond 1e+15"),
     (("run", "jelly", "--set", "bodies.0.position=[1e8,0,0]"), "jelly: bodies: so far from the origin f32 rounds"),
     (("run", "jelly", "--set", "bodies.0.shape.cells=[4096,4096,4096]"), "makes 6.88e+10 particles, at most 2e+07"),

@@ -20,7 +20,7 @@ from sandbox.output.grouped_video import VideoWriter
 from sandbox.output.video import open_writer
 from sandbox.unfinished import Pace
 
-CHANGES = {"duration": 1.2, "render.size": [160, 96], "render.poster": 0.7, "diagnostics.ledger": True}
+CHANGES = {"duration": 0.7, "render.size": [160, 96], "render.poster": 0.3, "diagnostics.ledger": True}
 BOOKKEEPING = {".sandbox-run.json", "summary.json"}
 
 
@@ -95,7 +95,7 @@ def whole(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("picture", [1, 2, 18, 36])
+@pytest.mark.parametrize("picture", [1, 18])
 def test_a_killed_run_plays_and_goes_on_to_the_same_files(whole, tmp_path, picture):
     with pytest.raises(KilledError):
         begin(tmp_path, At(picture, kill))
@@ -124,7 +124,7 @@ def test_two_interrupts_do_not_wait(whole, tmp_path, monkeypatch):
 
     def interrupted_within(self, seconds):
         advance(self, seconds / 2)
-        if self.time > 0.4:
+        if self.time > 0.2:
             stop()
             stop()
         advance(self, seconds / 2)
@@ -140,7 +140,7 @@ def test_two_interrupts_do_not_wait(whole, tmp_path, monkeypatch):
 )
 def test_a_disk_that_fills_loses_nothing(whole, tmp_path, monkeypatch, file):
     full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-    count = {"left": 12}
+    count = {"left": 9}
 
     def fail(*_, **__):
         raise full
@@ -187,14 +187,14 @@ def test_a_disk_that_fills_loses_nothing(whole, tmp_path, monkeypatch, file):
     [
         ({"solver.integrator": "implicit_euler", "solver.iterations": 1, "solver.dt": 0.004}, {"video": "webm"}),
         ({"solver.integrator": "vbd"}, {"video": "gif", "trajectory": "npz", "exports": ("ply", "glb")}),
-        ({"solver.adapt": "rescue"}, {"video": "png"}),
+        ({"solver.dt": 0.002, "solver.adapt": "rescue", "diagnostics.max_strain": 3.0}, {"video": "png"}),
     ],
 )  # fmt: skip
 def test_what_was_noticed_and_written_down_goes_on(tmp_path, changes, options):
     straight, parted = tmp_path / "straight", tmp_path / "parted"
     begin(straight, scene_changes=changes, **options)
     with pytest.raises(KilledError):
-        begin(parted, At(19, kill), scene_changes=changes, **options)
+        begin(parted, At(12, kill), scene_changes=changes, **options)
     begin(parted, resume=parted, scene_changes=changes, **options)
     assert_same(parted, straight)
 
