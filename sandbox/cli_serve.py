@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from sandbox.cli_options import SceneArgument, SetOption, WithOption, load, naming
+from sandbox.cli_options import SceneArgument, SetOption, WithOption, load, naming, tell
+from sandbox.serve.limits import CLIENTS, in_words
 
 
 def serve(
@@ -28,6 +29,7 @@ def serve(
     seconds: Annotated[float | None, typer.Option(help="End by itself after so long, in real time [s].")] = None,
     shadows: Annotated[bool, typer.Option(help="Have things throw shadows; dear without a GPU.")] = True,
     pictures: Annotated[float, typer.Option(help="Pictures sent a second; a slow browser gets fewer.")] = 60.0,
+    clients: Annotated[int, typer.Option(help="Browsers that may look at once.")] = CLIENTS,
     arch: Annotated[str, typer.Option(help="cpu, cuda, vulkan or metal.")] = "cpu",
     precision: Annotated[str | None, typer.Option(help="f32 or f64; the scene's by default.")] = None,
     threads: Annotated[int | None, typer.Option(help="CPU threads; all cores by default.")] = None,
@@ -37,7 +39,10 @@ def serve(
     from sandbox.serve.app import ServeOptions
     from sandbox.serve.app import serve as serve_scene
 
-    options = ServeOptions(host, port, token, record, seconds, shadows, arch, precision, threads, pictures)
+    options = ServeOptions(host, port, token, record, seconds, shadows, arch, precision, threads, pictures, clients)
     with naming(scene):
-        end = serve_scene(loaded, options, lambda address: typer.echo(f"open {address} (Ctrl-C ends)"))
+        end = serve_scene(loaded, options, lambda address: typer.echo(f"open {address} (Ctrl-C ends)"), tell)
     typer.echo(end)
+
+
+serve.__doc__ = f"{serve.__doc__}\n\n{in_words()}"

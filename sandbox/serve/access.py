@@ -80,13 +80,15 @@ class Access:
         return f"http://{host}:{port}/" + (f"?token={self.token}" if self.token is not None else "")
 
     def _is_token(self, value: str) -> bool:
-        return self.token is not None and hmac.compare_digest(value.encode(), self.token.encode())
+        # Bytes that are no text come as what cannot be encoded as it is.
+        given = value.encode(errors="backslashreplace")
+        return self.token is not None and hmac.compare_digest(given, self.token.encode())
 
     def _is_own_page(self, asked: Asked) -> bool:
         """False for scripts of other sites, which browsers let open WebSockets anywhere, and for borrowed names."""
         if len(asked.hosts) != 1 or len(asked.origins) > 1:
             return False
-        if asked.origins and urlsplit(asked.origins[0]).netloc.lower() != asked.hosts[0].lower():
+        if asked.origins and _host_of(asked.origins[0]) != asked.hosts[0].lower():
             return False
         # Without a token a page could come in by a name of its own that is made to lead here.
         return self.token is not None or is_loopback(_name(asked.hosts[0])) or _name(asked.hosts[0]) == self.host
@@ -108,6 +110,14 @@ def cookie_name(port: int) -> str:
 def _cookies(headers: Sequence[str], name: str) -> list[str]:
     pairs = [pair.strip().partition("=") for header in headers for pair in header.split(";")]
     return [value for key, _, value in pairs if key == name]
+
+
+def _host_of(origin: str) -> str | None:
+    """Name and port in an Origin header; None where there is none to be found."""
+    try:
+        return urlsplit(origin).netloc.lower()
+    except ValueError:
+        return None
 
 
 def _name(host: str) -> str:

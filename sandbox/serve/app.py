@@ -1,18 +1,20 @@
 """sandbox serve: a scene, a port, and a thread that keeps both going."""
 
-import contextlib
-import signal
 import socket
-import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from sandbox.errors import SceneError, missing_extra
 from sandbox.scene.model import Scene
+from sandbox.serve import limits
 from sandbox.serve.access import Access
+from sandbox.serve.ending import Ending, ended_by_signals
+
+if TYPE_CHECKING:
+    from sandbox.session import Session
 
 _ANYWHERE = ("", "0.0.0.0", "::")
 
@@ -36,6 +38,8 @@ class ServeOptions:
     threads: int | None = None
     pictures: float = 60.0
     """Sent a second."""
+    clients: int = limits.CLIENTS
+    """Browsers that may look at once."""
 
 
 def check_extra() -> None:
@@ -44,60 +48,68 @@ def check_extra() -> None:
         raise SceneError(missing_extra("serve", "viser", "web"))
 
 
-def serve(scene: Scene, options: ServeOptions, tell: Callable[[str], None]) -> str:
+def serve(scene: Scene, options: ServeOptions, tell: Callable[[str], None], warn: Callable[[list[str]], None]) -> str:
     """Serve a scene until interrupted; ``tell`` gets the address to open. The result is one line about the end.
 
-    Raises SceneError where the scene, an option or the address is wrong; nothing is served then.
+    ``warn`` gets what was refused meanwhile, in lines. Raises SceneError where the scene, an option or the address is
+    wrong; nothing is served then.
     """
     check_extra()
     access = Access.of(options.host, options.token)
-    if options.seconds is not None and not options.seconds > 0.0:
-        raise SceneError(f"--seconds {options.seconds:g}: must be > 0")
-    if not 1.0 <= options.pictures <= 240.0:
-        raise SceneError(f"--pictures {options.pictures:g}: must be between 1 and 240")
-    if options.record is not None and not options.record.absolute().parent.is_dir():
-        raise SceneError(f"--record {options.record}: there is no folder {options.record.parent}")
-    from sandbox.serve.listener import open_port, serving
+    _check(options)
+    from sandbox.serve.door import Door
+    from sandbox.serve.listener import behind, open_port
 
-    with open_port(options.host, options.port) as listening, _stopped_by_signals() as stop:
+    door = Door(options.clients)
+    with open_port(options.host, options.port) as listening, ended_by_signals() as ending:
         from sandbox.serve.host import Host
         from sandbox.session import Session
 
         session = Session(scene, arch=options.arch, precision=options.precision, threads=options.threads)
-        with serving(listening, access) as server:
+
+        def write() -> None:
+            if options.record is not None:
+                _write(session, options.record, ending)
+
+        with behind(door, listening, access) as server:
             host = Host(session, server, options.pictures, options.shadows)
             try:
-                host.warm_up()
+                with ending.deaf(write):
+                    host.warm_up()
                 tell(access.address(listening.getsockname()[1], _shown(options.host)))
-                host.run(stop, options.seconds)
+                with ending.in_time():
+                    host.run(ending.stop, options.seconds, lambda: ending.deaf(write))
             finally:
-                if options.record is not None:
-                    session.write_recording(options.record)
+                write()
+    warn(door.remarks())
     end = f"served {session.simulation.time:.2f} s of simulated time"
     return end if options.record is None else f"{end}; {options.record} holds what was done"
+
+
+def _check(options: ServeOptions) -> None:
+    if options.seconds is not None and not options.seconds > 0.0:
+        raise SceneError(f"--seconds {options.seconds:g}: must be > 0")
+    if not 1.0 <= options.pictures <= 240.0:
+        raise SceneError(f"--pictures {options.pictures:g}: must be between 1 and 240")
+    if not 1 <= options.clients <= limits.MOST_CLIENTS:
+        raise SceneError(f"--clients {options.clients}: must be between 1 and {limits.MOST_CLIENTS}")
+    if options.record is not None and not options.record.absolute().parent.is_dir():
+        raise SceneError(f"--record {options.record}: there is no folder {options.record.parent}")
+
+
+def _write(session: "Session", path: Path, ending: Ending) -> None:
+    """Leave what was done. In the middle of a picture it has no end that could be compared."""
+    if not ending.was_broken_off:
+        session.write_recording(path)
+        return
+    from sandbox import recording
+
+    done = session.recording()
+    assert done.recording is not None
+    header = done.recording.model_copy(update={"state_sha256": ""})
+    recording.write(path, done.model_copy(update={"recording": header}))
 
 
 def _shown(host: str) -> str:
     """A name under which other machines may find this one."""
     return socket.gethostname() if host in _ANYWHERE else host
-
-
-@contextlib.contextmanager
-def _stopped_by_signals() -> Iterator[threading.Event]:
-    """An event that Ctrl-C sets, so that a picture is finished first; a second one interrupts at once."""
-    stop = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield stop
-        return
-
-    def handle(number: int, frame: Any) -> None:
-        if stop.is_set():
-            raise KeyboardInterrupt
-        stop.set()
-
-    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield stop
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

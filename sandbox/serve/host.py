@@ -1,23 +1,27 @@
 """The live scene behind the page: one thread simulates, obeys what browsers ask for, and sends what is to be seen."""
 
 import contextlib
-import queue
 import tempfile
 import threading
 import time as clock
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sandbox import runtime
 from sandbox.errors import DivergedError, SceneError
 from sandbox.live.budget import Budget
 from sandbox.live.pace import Pace
 from sandbox.scene.appearance import IntArray
 from sandbox.serve import commands as ask
 from sandbox.serve.commands import Command
+from sandbox.serve.limits import DEEDS
 from sandbox.serve.panel import LARGEST_FACTOR, LEAST_FACTOR, Panel
 from sandbox.serve.stage import Stage
+from sandbox.serve.waiting import Waiting
 from sandbox.session import TICKS_A_PICTURE, LiveGrip, Session
 
 if TYPE_CHECKING:
@@ -29,6 +33,10 @@ _MOST_STEPS = 20_000
 """Steps a picture that a step set in the page may come to."""
 _REACH = 20.0
 """How far from the scene a body may be dragged, in its extents [1]."""
+_OBEYING = 0.25
+"""How long commands are obeyed before what came of it is shown [s]."""
+_SOLVERS = 3
+"""Solvers to compile before Taichi is started anew: it keeps the code of all, some 10 MB each."""
 
 
 class Host:
@@ -39,14 +47,18 @@ class Host:
     ) -> None:
         """``pictures`` are sent a second."""
         self.session, self._server = session, server
-        self.commands: queue.SimpleQueue[Command] = queue.SimpleQueue()
+        self.commands = Waiting()
         """What browsers ask for; any thread may put commands into it."""
         self.pace = Pace(session.tick, pictures)
         scene = session.simulation.scene
         self.stage = Stage(server, scene, session.simulation.assembly.appearance, self._on_drag)
         self.panel = Panel(server, scene, shadows, self.commands.put)
         self.stage.light(shadows)
-        self._solver = scene.solver
+        self._solver = self._first_solver = scene.solver
+        self._solvers, self._compiles = 0, False
+        self._stop = threading.Event()
+        self._around_compiling: Callable[[], AbstractContextManager[None]] = nullcontext
+        self._deeds = 0
         self.grips: dict[int, tuple[LiveGrip, Any, Any]] = {}
         """What clients hold, and where hand and body were when they took hold of it [m]."""
         self.pictures = 0
@@ -57,8 +69,17 @@ class Host:
         self._read_at = self._shown_at = -1.0
         server.on_client_disconnect(self._on_disconnect)
 
-    def run(self, stop: threading.Event, seconds: float | None = None) -> None:
-        """Go on until ``stop`` is set, or for some seconds of wall time."""
+    def run(
+        self,
+        stop: threading.Event,
+        seconds: float | None = None,
+        around_compiling: Callable[[], AbstractContextManager[None]] = nullcontext,
+    ) -> None:
+        """Go on until ``stop`` is set, or for some seconds of wall time.
+
+        ``around_compiling`` is entered around what takes seconds in which nothing can be heard.
+        """
+        self._stop, self._around_compiling = stop, around_compiling
         end = None if seconds is None else clock.perf_counter() + seconds
         while not stop.is_set() and (end is None or clock.perf_counter() < end):
             self.picture()
@@ -101,13 +122,25 @@ class Host:
 
     def _advance(self, ticks: int) -> None:
         """Go on by some ticks. What goes wrong stops time, not the page."""
+        if self._stop.is_set():
+            return
         try:
-            self.session.advance(ticks)
+            with self._around_compiling() if self._compiles else nullcontext():
+                self._make_room_for_code()
+                self.session.advance(ticks)
         except (DivergedError, SceneError) as error:
             self.pace.paused = True
             self.panel.say(f"{error}. Reset, or change the solver.")
+        self._compiles = False
         self._stale = True
         self._note_solver()
+
+    def _make_room_for_code(self) -> None:
+        """Before another solver is compiled: forget those before, if they were many."""
+        self._solvers += self._compiles
+        if self._solvers > _SOLVERS:
+            self._solvers = 1
+            runtime.stop()
 
     def _note_solver(self) -> None:
         """Show the solver that is in use; it has been another since the last step if one was asked for."""
@@ -144,16 +177,18 @@ class Host:
             self.commands.put(command)
 
     async def _on_disconnect(self, client: Any) -> None:
-        self.commands.put(ask.Release(client.client_id))
+        self.commands.vanish(client.client_id)
 
     def _obey(self) -> None:
-        with contextlib.suppress(queue.Empty):
-            while True:
-                command = self.commands.get_nowait()
-                try:
-                    self._do(command)
-                except SceneError as error:
-                    self.panel.say(str(error))
+        """Do what waits, or as much of it as there is time for before others want to see something."""
+        end = clock.perf_counter() + _OBEYING
+        while not self._stop.is_set() and (command := self.commands.take()) is not None:
+            try:
+                self._do(command)
+            except SceneError as error:
+                self.panel.say(str(error))
+            if clock.perf_counter() > end:
+                return
 
     def _do(self, command: Command) -> None:
         match command:
@@ -185,6 +220,7 @@ class Host:
     def _grab(self, client: int, point: ask.Point) -> None:
         if client in self.grips:
             self.session.release(self.grips.pop(client)[0])
+        self._note_deed()
         dimension = self.session.simulation.scene.dimension
         grip = self.session.grab(point[:dimension])
         if grip is None:
@@ -195,15 +231,25 @@ class Host:
     def _drag(self, client: int, point: ask.Point) -> None:
         if client not in self.grips:
             return
+        self._note_deed()
         grip, hand, body = self.grips[client]
         low, high = self.session.simulation.assembly.appearance.bounds
         reach = _REACH * float((high - low).max())
         target = body + (np.array(point[: len(body)]) - hand)
         self.session.drag(grip, np.clip(target, low - reach, high + reach))
 
+    def _note_deed(self) -> None:
+        """One more thing for the recording, which has its limits."""
+        if self._deeds >= DEEDS:
+            raise SceneError("The recording is full: save it; Reset begins a new one.")
+        self._deeds += 1
+
     def _reset(self) -> None:
         self.grips.clear()
-        self.session.reset()
+        self._compiles = self.session.simulation.scene.solver != self._first_solver
+        with self._around_compiling() if self._compiles else nullcontext():
+            self.session.reset()
+        self._deeds = 0
         self.panel.say("")
         self.panel.show_unchanged(self.session.simulation.scene)
         self.pace.rest()
@@ -215,14 +261,17 @@ class Host:
     def _set_stiffness(self, body: str, factor: float) -> None:
         if not LEAST_FACTOR <= factor <= LARGEST_FACTOR:
             raise SceneError(f"stiffness: must be between {LEAST_FACTOR:g} and {LARGEST_FACTOR:g}")
+        self._note_deed()
         self.session.scale_material(body, stiffness=factor)
 
     def _set_solver(self, integrator: str | None, dt: str | None) -> None:
+        self._note_deed()
         try:
             self.session.change_solver(integrator=integrator, dt=None if dt is None else self._step(dt))
         except SceneError:
             self.panel.show_solver(str(self._solver.integrator), str(self._solver.dt))
             raise
+        self._compiles = True
         self.panel.say("")
 
     def _step(self, text: str) -> float | str:
@@ -242,7 +291,12 @@ class Host:
         handle = self._server.get_clients().get(client)
         if handle is None:
             return
+        buffer = handle._websock_connection.get_message_buffer()
+        if buffer.message_from_id:
+            return  # It has not even taken the last one.
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "actions.toml"
             self.session.write_recording(path)
-            handle.send_file_download(path.name, path.read_bytes(), save_immediately=True)
+            # viser warns of sending to who has just left.
+            with buffer.sanctioned_dead_writes():
+                handle.send_file_download(path.name, path.read_bytes(), save_immediately=True)

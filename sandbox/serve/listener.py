@@ -1,5 +1,6 @@
-"""Opens the port, and starts viser behind the rule of who may see the scene."""
+"""Opens the port, and starts viser behind the rule of who may see the scene and what may be asked of it."""
 
+import asyncio
 import contextlib
 import io
 import logging
@@ -9,17 +10,18 @@ from http import HTTPStatus
 from typing import TYPE_CHECKING, Any
 
 from sandbox.errors import SandboxError, SceneError
+from sandbox.serve import limits
 from sandbox.serve.access import Access, Asked, Verdict
 
 if TYPE_CHECKING:
     import viser
 
+    from sandbox.serve.door import Door
+
 _SEND_BUFFER = 1 << 18
 """What a connection may hold back in the kernel [bytes]: a slow browser sees the newest picture, not old ones."""
-_LARGEST_MESSAGE = 1 << 20
-"""Of what browsers send [bytes]."""
-_PING, _PATIENCE = 4.0, 12.0
-"""How often a browser is asked whether it is still there, and how long an answer may take [s]."""
+_CLOSING = 2.0
+"""For a browser to say goodbye as well [s]."""
 _REFUSALS = {
     Verdict.NO_TOKEN: (HTTPStatus.UNAUTHORIZED, "A token is needed: open the address that sandbox serve printed.\n"),
     Verdict.STRANGE_PAGE: (HTTPStatus.FORBIDDEN, "Only pages of this server itself are served.\n"),
@@ -47,27 +49,44 @@ def open_port(host: str, port: int) -> socket.socket:
 
 
 @contextlib.contextmanager
-def serving(listening: socket.socket, access: Access) -> Iterator["viser.ViserServer"]:
-    """A viser server on a socket that lets in whom ``access`` does; the server and the socket end with the block.
+def serving(listening: socket.socket, access: Access, clients: int = limits.CLIENTS) -> Iterator["viser.ViserServer"]:
+    """A viser server on a socket that lets in whom ``access`` does; the server and the socket end with the block."""
+    from sandbox.serve.door import Door
+
+    with behind(Door(clients), listening, access) as server:
+        yield server
+
+
+@contextlib.contextmanager
+def behind(door: "Door", listening: socket.socket, access: Access) -> Iterator["viser.ViserServer"]:
+    """The same, with connections counted and looked at by ``door``.
 
     viser offers no place for a rule of its own, so what it calls to listen is replaced while it starts: its listener
-    gets our socket, and every request is judged before viser sees it. Should a viser listen in another way, it is
-    stopped, on a loopback port that nobody was told.
+    gets our socket, every request is judged before viser sees it, and so is every message. Should a viser listen in
+    another way, it is stopped, on a loopback port that nobody was told.
     """
     import viser
     from viser import _messages
     from websockets.asyncio import server as transport
 
-    guards: list[bool] = []
+    from sandbox.serve.gate import Gate
+
+    loops: list[asyncio.AbstractEventLoop] = []
+    # It would tell of every write to a connection that was cut off.
+    logging.getLogger("asyncio").addHandler(quiet := logging.NullHandler())
     plain = transport.serve
 
     def serve(handler: Any, host: Any, port: Any, **options: Any) -> Any:
-        guards.append(True)
+        loops.append(asyncio.get_running_loop())
+        loops[0].set_exception_handler(door.note_failure)
         answer = options.pop("process_request")
         options |= {
-            "max_size": _LARGEST_MESSAGE, "logger": _silent(), "ping_interval": _PING, "ping_timeout": _PATIENCE,
+            "max_size": limits.MESSAGE_SIZE, "logger": _silent(), "create_connection": door.connect,
+            "open_timeout": limits.PAGE_TIME, "close_timeout": _CLOSING,
+            "ping_interval": limits.PING, "ping_timeout": limits.PATIENCE,
         }  # fmt: skip
-        return plain(handler, sock=listening, process_request=_guarded(answer, access), **options)
+        guarded = _guarded(answer, access, door)
+        return plain(_of_this_version(handler), sock=listening, process_request=guarded, **options)
 
     # Setting an attribute of a module by name: mypy knows it as a class.
     vars(transport)["serve"] = serve
@@ -77,19 +96,36 @@ def serving(listening: socket.socket, access: Access) -> Iterator["viser.ViserSe
     finally:
         vars(transport)["serve"] = plain
     try:
-        if not guards:
+        if not loops:
             raise SandboxError("this version of viser cannot be guarded; pip install 'softbody-sandbox[web]' again")
         # Any browser could have viser publish the scene through a tunnel of its makers.
         for message in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
             server._websock_server.unregister_handler(message)
+        door.gate = Gate.of(server)
         yield server
     finally:
+        for loop in loops:
+            loop.call_soon_threadsafe(door.shut)
         with contextlib.redirect_stdout(io.StringIO()):
             server.stop()
         listening.close()
+        logging.getLogger("asyncio").removeHandler(quiet)
 
 
-def _guarded(answer: Any, access: Access) -> Any:
+def _of_this_version(handler: Any) -> Any:
+    """Send pages of another viser away before viser does: it prints what version they say they are of."""
+    import viser
+
+    async def handle(connection: Any) -> None:
+        if connection.subprotocol == f"viser-v{viser.__version__}":
+            await handler(connection)
+        else:
+            await connection.close(1002, f"The page is of another version than {viser.__version__}: load it again")
+
+    return handle
+
+
+def _guarded(answer: Any, access: Access, door: "Door") -> Any:
     """What looks at a request before ``answer`` does."""
 
     def admit(connection: Any, request: Any) -> Any:
@@ -102,8 +138,15 @@ def _guarded(answer: Any, access: Access) -> Any:
             is_websocket=bool(request.headers.get_all("Upgrade")),
         )
         verdict = access.judge(asked, port)
+        if not asked.is_websocket:
+            # The page may take its time where the network is slow.
+            connection.close_timeout = limits.PAGE_TIME
         if verdict is Verdict.LET_IN:
-            return answer(connection, request)
+            if asked.is_websocket and not door.has_room(connection):
+                return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, "As many browsers look as may.\n")
+            with contextlib.suppress(OSError, ValueError, LookupError):
+                return answer(connection, request)
+            return connection.respond(HTTPStatus.NOT_FOUND, "NOT FOUND")
         if verdict is Verdict.GIVE_COOKIE:
             response = connection.respond(HTTPStatus.SEE_OTHER, "")
             response.headers["Location"] = "/"
