@@ -4,14 +4,13 @@ import contextlib
 import tempfile
 import threading
 import time as clock
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sandbox import runtime
 from sandbox.errors import DivergedError, SceneError
 from sandbox.live.budget import Budget
 from sandbox.live.pace import Pace
@@ -19,6 +18,7 @@ from sandbox.scene.appearance import IntArray
 from sandbox.serve import commands as ask
 from sandbox.serve.commands import Command
 from sandbox.serve.limits import DEEDS
+from sandbox.serve.memory import forget_code, trim
 from sandbox.serve.panel import LARGEST_FACTOR, LEAST_FACTOR, Panel
 from sandbox.serve.stage import Stage
 from sandbox.serve.waiting import Waiting
@@ -33,10 +33,10 @@ _MOST_STEPS = 20_000
 """Steps a picture that a step set in the page may come to."""
 _REACH = 20.0
 """How far from the scene a body may be dragged, in its extents [1]."""
+_TRIMMING = 5.0
+"""Time between two times at which what browsers left behind is cleared away [s]."""
 _OBEYING = 0.25
 """How long commands are obeyed before what came of it is shown [s]."""
-_SOLVERS = 3
-"""Solvers to compile before Taichi is started anew: it keeps the code of all, some 10 MB each."""
 
 
 class Host:
@@ -55,7 +55,7 @@ class Host:
         self.panel = Panel(server, scene, shadows, self.commands.put)
         self.stage.light(shadows)
         self._solver = self._first_solver = scene.solver
-        self._solvers, self._compiles = 0, False
+        self._compiles = False
         self._stop = threading.Event()
         self._around_compiling: Callable[[], AbstractContextManager[None]] = nullcontext
         self._deeds = 0
@@ -66,7 +66,8 @@ class Host:
         self._stale = True
         self._torn: IntArray | None = None
         self._torn_count = 0
-        self._read_at = self._shown_at = -1.0
+        self._read_at = self._shown_at = self._trimmed_at = -1.0
+        self._has_lost_clients = False
         server.on_client_disconnect(self._on_disconnect)
 
     def run(
@@ -125,8 +126,7 @@ class Host:
         if self._stop.is_set():
             return
         try:
-            with self._around_compiling() if self._compiles else nullcontext():
-                self._make_room_for_code()
+            with self._compiling():
                 self.session.advance(ticks)
         except (DivergedError, SceneError) as error:
             self.pace.paused = True
@@ -135,12 +135,16 @@ class Host:
         self._stale = True
         self._note_solver()
 
-    def _make_room_for_code(self) -> None:
-        """Before another solver is compiled: forget those before, if they were many."""
-        self._solvers += self._compiles
-        if self._solvers > _SOLVERS:
-            self._solvers = 1
-            runtime.stop()
+    @contextlib.contextmanager
+    def _compiling(self) -> Iterator[None]:
+        """Around what compiles another solver, if there is to be one."""
+        if not self._compiles:
+            yield
+            return
+        with self._around_compiling():
+            forget_code()
+            yield
+            trim()
 
     def _note_solver(self) -> None:
         """Show the solver that is in use; it has been another since the last step if one was asked for."""
@@ -169,6 +173,9 @@ class Host:
         budget = Budget.of(self.pace, simulation.dt, simulation.initial_stable_dt)
         self.panel.read_out(simulation.time, simulation.measure(), budget, self.pace.paused, self.pace.lost)
         self._read_at = clock.perf_counter()
+        if self._has_lost_clients and self._read_at - self._trimmed_at > _TRIMMING:
+            self._has_lost_clients, self._trimmed_at = False, self._read_at
+            trim()
 
     # -- what browsers ask for ----------------------------------------------------------------------
 
@@ -178,6 +185,7 @@ class Host:
 
     async def _on_disconnect(self, client: Any) -> None:
         self.commands.vanish(client.client_id)
+        self._has_lost_clients = True
 
     def _obey(self) -> None:
         """Do what waits, or as much of it as there is time for before others want to see something."""
@@ -247,7 +255,7 @@ class Host:
     def _reset(self) -> None:
         self.grips.clear()
         self._compiles = self.session.simulation.scene.solver != self._first_solver
-        with self._around_compiling() if self._compiles else nullcontext():
+        with self._compiling():
             self.session.reset()
         self._deeds = 0
         self.panel.say("")

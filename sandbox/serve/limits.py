@@ -30,7 +30,7 @@ PING, PATIENCE = 4.0, 12.0
 """How often a browser is asked whether it is still there, and how long an answer, or taking anything, may take [s]."""
 LEAST_TAKEN = 1 << 15
 """What a browser that has not kept up must at least take within its time [bytes]."""
-UNSENT = 1 << 24
+UNSENT = 1 << 23
 """What those that fetch the page may together leave untaken [bytes]. Browsers leave a picture each at most."""
 STEPS = 8
 """Clicks on Step that may wait."""

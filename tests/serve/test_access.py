@@ -56,8 +56,15 @@ def test_pages_of_other_servers_are_refused():
     # A name that its owner makes lead here is not ours.
     borrowed = asked(host="evil.example:8080", origins=["http://evil.example:8080"])
     assert access.judge(borrowed, PORT) is Verdict.STRANGE_PAGE
+    assert access.judge(asked(origins=["http://["]), PORT) is Verdict.STRANGE_PAGE
     assert access.judge(Asked("/", hosts=[]), PORT) is Verdict.STRANGE_PAGE
     assert access.judge(Asked("/", hosts=["127.0.0.1", "evil.example"]), PORT) is Verdict.STRANGE_PAGE
+
+
+def test_bytes_that_are_no_text_are_no_token():
+    access = Access.of("127.0.0.1", "a-good-token")
+    assert access.judge(asked("/?token=\udcff%ff"), PORT) is Verdict.NO_TOKEN
+    assert access.judge(asked(cookies=[f"{cookie_name(PORT)}=\udcff"]), PORT) is Verdict.NO_TOKEN
 
 
 @pytest.mark.parametrize(

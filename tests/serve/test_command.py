@@ -19,6 +19,7 @@ needs_viser = pytest.mark.skipif(importlib.util.find_spec("viser") is None, reas
         ("--port 70000: must be between 0 and 65535", ["--port", "70000"]),
         ("--host no.such.host.invalid: there is no such address", ["--host", "no.such.host.invalid"]),
         ("--seconds -1: must be > 0", ["--seconds", "-1"]),
+        ("--clients 0: must be between 1 and 256", ["--clients", "0"]),
         ("--pictures 0: must be between 1 and 240", ["--pictures", "0"]),
         ("--record nowhere/done.toml: there is no folder nowhere", ["--record", "nowhere/done.toml"]),
         ("bodies[0].nonsense", ["--set", "bodies.0.nonsense=1"]),
@@ -51,3 +52,11 @@ def test_it_ends_by_itself_and_leaves_the_recording(run_cli, monkeypatch, tmp_pa
     assert str(record) in end
     # Nobody looked: no time went by.
     assert tomllib.loads(record.read_text())["recording"]["ticks"] == 0
+
+
+def test_help_names_the_limits(run_cli):
+    code, printed, _ = run_cli("serve", "--help")
+    words = " ".join(printed.split())
+    assert code == 0
+    for limit in ("32 browsers at once (--clients)", "400 messages a second", "64 KB", "8 clicks on Step"):
+        assert limit in words

@@ -25,6 +25,8 @@ class Viewer:
         """What is known of surfaces, by their names."""
         self.texts: dict[str, str] = {}
         """What read-outs say."""
+        self.controls: dict[str, str] = {}
+        """Names of controls for viser, by their labels."""
         self.updates = 0
         """Surfaces that came anew."""
         self.send(
@@ -74,6 +76,8 @@ class Viewer:
             if message["type"] in ("MeshMessage", "SceneNodeUpdateMessage") and "vertices" in props:
                 self.updates += 1
                 self.vertices[message["name"]] = props["vertices"].reshape(-1, 3)
+            if "uuid" in message and "label" in props:
+                self.controls[props["label"]] = message["uuid"]
             if "content" in props:
                 self.texts[message["uuid"]] = props["content"]
         return True
