@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
 _PIECE = 1 << 12
 """What is looked at in one go [bytes]: thousands of empty frames fit into what comes at once."""
-_NEWCOMER = 10.0
-"""How long a browser that has not said where its camera is keeps its place where others want in [s]."""
 _GOODBYE = 0.3
 """For browsers to hear that the server ends [s]."""
 
@@ -36,7 +34,7 @@ class Connection(ServerConnection):
         self._frames, self._control = Bucket(limits.FRAMES), Bucket(limits.CONTROL)
         self._unsent_before = 0
         self._look: asyncio.TimerHandle | None = None
-        self._deadlines: list[asyncio.TimerHandle] = []
+        self._deadline = self.loop.call_later(limits.REQUEST_TIME, self._look_whether_it_asks)
 
     @property
     def unsent(self) -> int:
@@ -48,15 +46,6 @@ class Connection(ServerConnection):
         if not self.transport.is_closing():
             self.door.cut += counts
             self.transport.abort()
-
-    def expect(self, what: str, seconds: float) -> None:
-        """End it where an attribute does not hold by then [s]."""
-
-        def look() -> None:
-            if not getattr(self, what):
-                self.cut()
-
-        self._deadlines.append(self.loop.call_later(seconds, look))
 
     async def recv(self, decode: bool | None = None) -> Any:
         """The next message that may be heard; all others are dropped."""
@@ -80,8 +69,9 @@ class Connection(ServerConnection):
     def connection_lost(self, exc: Exception | None) -> None:
         """It has ended."""
         self.door.connections.pop(self, None)
-        for timer in [*self._deadlines, *([] if self._look is None else [self._look])]:
-            timer.cancel()
+        for timer in (self._deadline, self._look):
+            if timer is not None:
+                timer.cancel()
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
@@ -122,6 +112,10 @@ class Connection(ServerConnection):
         if self._look is not None:
             self._look.cancel()
 
+    def _look_whether_it_asks(self) -> None:
+        if self.request is None:
+            self.cut()
+
     def _look_whether_it_takes(self) -> None:
         if self.unsent > self._unsent_before - limits.LEAST_TAKEN:
             self.cut()
@@ -159,20 +153,18 @@ class Door:
         waiting = [each for each in self.connections if not each.is_browser]
         if len(waiting) > limits.OPENING:
             waiting[0].cut()
-        one.expect("request", limits.REQUEST_TIME)
 
     def has_room(self, one: Connection) -> bool:
         """Let a browser in. False where there are as many as there may be, and all of them have been heard."""
         browsers = [each for each in self.connections if each.is_browser]
         if len(browsers) >= self.clients:
             now = one.loop.time()
-            silent = [each for each in browsers if not each.is_heard and now - each.began > _NEWCOMER]
+            silent = [each for each in browsers if not each.is_heard and now - each.began > limits.NEWCOMER]
             if not silent:
                 self.cut += 1
                 return False
             silent[0].cut()
         one.is_browser, one.began = True, one.loop.time()
-        one.expect("is_heard", limits.SILENCE)
         return True
 
     def keep_small(self) -> None:

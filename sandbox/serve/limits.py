@@ -24,8 +24,10 @@ REQUEST_SIZE = 1 << 15
 """Of the head of a request [bytes]."""
 TEXT = 256
 """Characters of a text field."""
-REQUEST_TIME, PAGE_TIME, SILENCE = 10.0, 60.0, 60.0
-"""For a request to be whole, for the page to be fetched, and for it to say where its camera is [s]."""
+REQUEST_TIME, PAGE_TIME = 10.0, 60.0
+"""For a request to be whole, and for the page to be fetched [s]."""
+NEWCOMER = 10.0
+"""How long a browser that says nothing keeps its place where others want in [s]: pages say where their camera is."""
 PING, PATIENCE = 4.0, 12.0
 """How often a browser is asked whether it is still there, and how long an answer, or taking anything, may take [s]."""
 LEAST_TAKEN = 1 << 15
@@ -63,7 +65,8 @@ def in_words(clients: int = CLIENTS) -> str:
         f"Limits: {clients} browsers at once (--clients), {OPENING} connections that are none yet. Of each browser "
         f"{MESSAGES} messages a second are heard, and of {FRAMES:,} or {BYTES >> 20} MB a second on it is cut off; a "
         f"message has at most {MESSAGE_SIZE >> 10} KB, a request {REQUEST_SIZE >> 10} KB, a text {TEXT} characters. "
-        f"Requests have {REQUEST_TIME:g} s to be whole, the page {PAGE_TIME:g} s to be fetched; a browser that says "
-        f"nothing for {SILENCE:g} s at first, or takes nothing for {PATIENCE:g} s later, is cut off. {STEPS} clicks on "
-        f"Step wait, of other controls the newest; a recording takes {DEEDS:,} changes and places of hands."
+        f"Requests have {REQUEST_TIME:g} s to be whole, the page {PAGE_TIME:g} s to be fetched; a browser that takes "
+        f"nothing for {PATIENCE:g} s is cut off, one that says nothing for {NEWCOMER:g} s makes room for others. "
+        f"{STEPS} clicks on Step wait, of other controls the newest; a recording takes {DEEDS:,} changes and places "
+        f"of hands."
     )
