@@ -32,6 +32,7 @@ class Connection(ServerConnection):
         self._head = self._fragments = 0
         self._messages, self._bytes = Bucket(limits.MESSAGES), Bucket(limits.BYTES)
         self._frames, self._control = Bucket(limits.FRAMES), Bucket(limits.CONTROL)
+        self._share = Bucket(limits.FAIR)
         self._unsent_before = 0
         self._look: asyncio.TimerHandle | None = None
         self._deadline = self.loop.call_later(limits.REQUEST_TIME, self._look_whether_it_asks)
@@ -97,7 +98,9 @@ class Connection(ServerConnection):
         if opcode in (Opcode.PING, Opcode.PONG, Opcode.CLOSE):
             return self._control.take(now)
         self._fragments = self._fragments + 1 if opcode is Opcode.CONT else 1
-        return self._fragments <= limits.FRAGMENTS and self._frames.take(now)
+        is_fair = self._share.take(now)
+        has_place = self.door.together.take(now) or is_fair
+        return self._fragments <= limits.FRAGMENTS and self._frames.take(now) and has_place
 
     def pause_writing(self) -> None:
         """More has been sent than was taken."""
@@ -136,6 +139,8 @@ class Door:
         self.clients = clients
         self.gate: Gate | None = None
         """Decides on messages; nothing is heard before there is one."""
+        self.together = Bucket(limits.TOGETHER)
+        """What all may send."""
         self.connections: dict[Connection, None] = {}
         """Those there are, the oldest first."""
         self.refused = self.cut = 0

@@ -12,6 +12,8 @@ MESSAGES = 400
 """A second and browser, and at once. A page sends 50 a second while it orbits, 20 while it drags or slides."""
 FRAMES = 4000
 """A second and connection, of any kind: who sends more is cut off."""
+TOGETHER, FAIR = 3000, 100
+"""Of all connections a second; where more come, who sends more than its fair share is cut off."""
 CONTROL = 20
 """Frames of these that are pings, answers to pings or goodbyes: pages cannot send the first."""
 BYTES = 1 << 20
@@ -63,10 +65,10 @@ def in_words(clients: int = CLIENTS) -> str:
     """The limits, for people."""
     return (
         f"Limits: {clients} browsers at once (--clients), {OPENING} connections that are none yet. Of each browser "
-        f"{MESSAGES} messages a second are heard, and of {FRAMES:,} or {BYTES >> 20} MB a second on it is cut off; a "
-        f"message has at most {MESSAGE_SIZE >> 10} KB, a request {REQUEST_SIZE >> 10} KB, a text {TEXT} characters. "
-        f"Requests have {REQUEST_TIME:g} s to be whole, the page {PAGE_TIME:g} s to be fetched; a browser that takes "
-        f"nothing for {PATIENCE:g} s is cut off, one that says nothing for {NEWCOMER:g} s makes room for others. "
-        f"{STEPS} clicks on Step wait, of other controls the newest; a recording takes {DEEDS:,} changes and places "
-        f"of hands."
+        f"{MESSAGES} messages a second are heard; who sends {FRAMES:,} or {BYTES >> 20} MB a second is cut off, and so "
+        f"is who sends more than {FAIR} while all together send more than {TOGETHER:,}. A message has at most "
+        f"{MESSAGE_SIZE >> 10} KB, a request {REQUEST_SIZE >> 10} KB, a text {TEXT} characters. Requests have "
+        f"{REQUEST_TIME:g} s to be whole, the page {PAGE_TIME:g} s to be fetched; a browser that takes nothing for "
+        f"{PATIENCE:g} s is cut off, one that says nothing for {NEWCOMER:g} s makes room for others. {STEPS} clicks on "
+        f"Step wait, of other controls the newest; a recording takes {DEEDS:,} changes and places of hands."
     )

@@ -105,7 +105,8 @@ def behind(door: "Door", listening: socket.socket, access: Access) -> Iterator["
         yield server
     finally:
         for loop in loops:
-            loop.call_soon_threadsafe(door.shut)
+            with contextlib.suppress(RuntimeError):  # It has ended by itself.
+                loop.call_soon_threadsafe(door.shut)
         with contextlib.redirect_stdout(io.StringIO()):
             server.stop()
         listening.close()

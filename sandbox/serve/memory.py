@@ -17,5 +17,5 @@ def forget_code() -> None:
 
 def trim() -> None:
     """Give the system what was freed, where the C library keeps it: 30 MB after a compilation or many connections."""
-    with contextlib.suppress(OSError, AttributeError):
+    with contextlib.suppress(OSError, AttributeError, TypeError):
         ctypes.CDLL(None).malloc_trim(0)

@@ -15,7 +15,7 @@ from sandbox.serve import limits
 from sandbox.serve.access import Access
 from sandbox.serve.door import Door
 from sandbox.serve.listener import behind, open_port
-from tests.serve.hostile import Target, camera, frame, pack
+from tests.serve.target import Target, camera, frame, pack
 from tests.serve.viewer import Viewer
 
 

@@ -13,7 +13,7 @@ from sandbox.serve.access import Access
 from sandbox.serve.gate import Gate, may_send
 from sandbox.serve.limits import MESSAGE_SIZE, TEXT, Bucket, in_words
 from sandbox.serve.listener import open_port, serving
-from tests.serve.hostile import BAD_NUMBERS, camera, drag, nested, pack
+from tests.serve.target import BAD_NUMBERS, camera, drag, nested, pack
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,9 @@ import pytest
 pytest.importorskip("viser", reason="needs the extra web")
 
 from tests.conftest import heed_interrupts
-from tests.serve.hostile import HOSTILE, Target, pack
+from tests.serve import hostile_crowds  # noqa: F401
+from tests.serve.hostile import HOSTILE
+from tests.serve.target import Target, pack
 from tests.serve.viewer import Viewer
 
 HAS_PROC = Path("/proc/self/status").exists()
