@@ -26,7 +26,8 @@ def missing_extra(what: str, package: str, extra: str) -> str:
 
 def one_line(message: str) -> str:
     """A message in one line that a terminal shows; of one that quotes too much, its beginning and its end."""
-    line = " ".join(message.split())
+    # Names and paths are quoted as they are, and may have characters in them that a terminal obeys.
+    line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in " ".join(message.split()))
     return line if len(line) <= _LONGEST else f"{line[: _LONGEST - 105]} ... {line[-100:]}"
 
 

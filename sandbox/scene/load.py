@@ -255,7 +255,7 @@ def _dimension_problems(scene: Scene) -> Iterable[tuple[str, str]]:
                 yield where, "must be three numbers in a 3D scene"
     for index, body in enumerate(scene.bodies):
         yield from _shape_problems(f"bodies[{index}].shape", body.shape, dimension)
-    if (count := sum(_count(body.shape, dimension)[0] for body in scene.bodies)) > MOST_PARTICLES:
+    if (count := particle_estimate(scene)) > MOST_PARTICLES:
         yield "bodies", f"make {count:.3g} particles together, at most {MOST_PARTICLES:.3g} are taken"
     for index, collider in enumerate(scene.colliders):
         yield from _kind_problem(f"colliders[{index}].kind", collider, dimension)
@@ -297,6 +297,11 @@ def _shape_problems(where: str, shape: Any, dimension: int) -> Iterable[tuple[st
         yield f"{where}.{key}", f"makes {count:.3g} particles, at most {MOST_PARTICLES:.3g} are taken"
 
 
+def particle_estimate(scene: Scene) -> float:
+    """About how many particles a scene has at most, meshes from files left out: what it costs to build it."""
+    return sum(_count(body.shape, scene.dimension)[0] for body in scene.bodies)
+
+
 def _count(shape: Any, dimension: int) -> tuple[float, str]:
     """About how many particles a shape makes at most, where that can be told, and which of its keys says so."""
     if isinstance(shape, model.Box | model.Ball | model.Sheet):
@@ -305,7 +310,13 @@ def _count(shape: Any, dimension: int) -> tuple[float, str]:
     if isinstance(shape, model.Polygon):
         extent = [max(axis) - min(axis) for axis in zip(*shape.points, strict=False)]
         return math.prod(length / shape.spacing + 1.0 for length in extent), "spacing"
-    return 0.0, ""
+    if isinstance(shape, model.Rope | model.Ring):
+        return shape.segments + 1, "segments"
+    if isinstance(shape, model.Shell):
+        return 10 * 4**shape.subdivisions + 2, "subdivisions"
+    if isinstance(shape, model.Tower):
+        return (shape.levels + 1) * (shape.bays + 1 if dimension == 2 else 4 * shape.bays), "levels"
+    return len(shape.points) if isinstance(shape, model.Custom) else 0.0, ""
 
 
 def _name_problems(scene: Scene) -> Iterable[tuple[str, str]]:

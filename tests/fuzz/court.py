@@ -1,0 +1,206 @@
+"""Judges inputs in a process of its own, which may hang, crash or run out of memory for one and is there for the next.
+
+An input is fine where it is taken, or refused by a SandboxError of one short line. All else is a failure: any other
+exception, a warning that is not the sandbox's own, anything printed, too much time, too much memory, a crash.
+"""
+
+import contextlib
+import faulthandler
+import multiprocessing
+import os
+import re
+import resource
+import tempfile
+import time
+import traceback
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+from pebble import ProcessExpired, ProcessPool
+
+from sandbox.errors import SandboxError
+from tests.fuzz import seeds
+from tests.fuzz.inputs import Input, Kind, Wrong, check_message
+
+MOST_SECONDS = 20.0
+"""That an input may take."""
+MOST_MEGABYTES = 1000.0
+"""That the process may have in memory at once."""
+_SPARE_SECONDS = 2.0
+"""Before the end in which a process that hangs says where."""
+_ROOT = str(Path(__file__).resolve().parents[2])
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What became of an input."""
+
+    outcome: str
+    """refused, failed, or how it was taken."""
+    message: str = ""
+    """What the user was told, or what went wrong at length."""
+    place: str = ""
+    """Of a failure: its name and where in the code; the same for inputs that fail alike."""
+    seconds: float = 0.0
+    megabytes: float = 0.0
+    """Most memory that the process had [MB]."""
+
+    @property
+    def failed(self) -> bool:
+        return self.outcome == "failed"
+
+
+class Court:
+    """One process that judges inputs of one kind, made anew where it ends."""
+
+    def __init__(self, kind: Kind) -> None:
+        self.kind = kind
+        self._stack = tempfile.NamedTemporaryFile("r", prefix="stack-")
+        self._pool = ProcessPool(
+            1,
+            context=multiprocessing.get_context("spawn"),
+            initializer=_prepare,
+            initargs=(kind.name, self._stack.name),
+        )
+
+    def judge(self, tried: Input) -> Verdict:
+        """What becomes of an input."""
+        begin = time.perf_counter()
+        try:
+            verdict: Verdict = self._pool.schedule(
+                _judge, args=(tried,), timeout=MOST_SECONDS + _SPARE_SECONDS
+            ).result()
+            return verdict
+        except TimeoutError:
+            stack = Path(self._stack.name).read_text()
+            return Verdict("failed", stack, f"hangs {_innermost(stack)}", time.perf_counter() - begin)
+        except ProcessExpired as error:
+            return Verdict("failed", str(error), "crashes", time.perf_counter() - begin)
+
+    def close(self) -> None:
+        """End the process."""
+        self._pool.stop()
+        self._pool.join()
+        self._stack.close()
+
+
+@contextlib.contextmanager
+def court(kind: Kind) -> Iterator[Court]:
+    """A court for a while."""
+    opened = Court(kind)
+    try:
+        yield opened
+    finally:
+        opened.close()
+
+
+# -- in the process that judges --------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Bench:
+    kind: Kind
+    folder: Path
+    printed: IO[bytes]
+    stack: IO[str]
+
+
+_bench: Any = None
+
+
+def _prepare(name: str, stack: str) -> None:
+    """Import and start what every attempt needs; from here on memory is bounded, and what is printed is seen."""
+    global _bench
+    from tests.fuzz.kinds import KINDS
+
+    folder = Path(tempfile.mkdtemp(prefix="fuzz-"))
+    (folder / seeds.MESH_FILE).write_bytes(seeds.mesh())
+    os.chdir(folder)
+    kind = KINDS[name]
+    kind.prepare()
+    room = _kilobytes("VmSize") * 1024 + int(MOST_MEGABYTES * 1e6)
+    if room > int(MOST_MEGABYTES * 1e6):
+        resource.setrlimit(resource.RLIMIT_AS, (room, resource.RLIM_INFINITY))
+    printed = (folder / "printed").open("w+b")
+    for stream in (1, 2):
+        os.dup2(printed.fileno(), stream)
+    _bench = _Bench(kind, folder, printed, open(stack, "w"))
+
+
+def _judge(tried: Input) -> Verdict:
+    """What becomes of an input, by what is raised, printed, and taken of time and memory."""
+    bench: _Bench = _bench
+    path = bench.folder / f"input{tried.suffix}"
+    path.write_bytes(tried.data)
+    os.ftruncate(bench.printed.fileno(), 0)
+    bench.stack.truncate(0)
+    _forget_peak()
+    faulthandler.dump_traceback_later(MOST_SECONDS, file=bench.stack)
+    begin = time.perf_counter()
+    outcome, message, place = _attempt(bench.kind, path)
+    seconds = time.perf_counter() - begin
+    faulthandler.cancel_dump_traceback_later()
+    megabytes = _kilobytes("VmHWM") / 1000.0
+    printed = os.pread(bench.printed.fileno(), 2000, 0)
+    if outcome != "failed":
+        if printed:
+            outcome, message, place = "failed", printed.decode("utf-8", "replace"), "prints"
+        elif megabytes > MOST_MEGABYTES:
+            outcome, message, place = (
+                "failed",
+                f"took {megabytes:.0f} MB ({outcome}: {message})",
+                "takes too much memory",
+            )
+        elif seconds > MOST_SECONDS:
+            outcome, message, place = "failed", f"took {seconds:.1f} s ({outcome}: {message})", "hangs"
+    return Verdict(outcome, message, place, seconds, megabytes)
+
+
+def _attempt(kind: Kind, path: Path) -> tuple[str, str, str]:
+    """Outcome, message and place of one attempt."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.simplefilter("ignore", UserWarning)  # the sandbox's own are of this kind
+        try:
+            taken = kind.attempt(path)
+            return taken if isinstance(taken, str) else "accepted", "", ""
+        except SandboxError as error:
+            try:
+                check_message(error)
+            except Wrong as wrong:
+                return "failed", _traceback(error), f"Wrong message {_place(error)}: {str(wrong)[:60]}"
+            return "refused", str(error), ""
+        except BaseException as error:
+            name = f"Wrong: {error}" if isinstance(error, Wrong) else type(error).__name__
+            return "failed", _traceback(error), f"{name} {_place(error)}"
+
+
+def _traceback(error: BaseException) -> str:
+    return "".join(traceback.format_exception(error))[-6000:]
+
+
+def _place(error: BaseException) -> str:
+    return _innermost("".join(traceback.format_tb(error.__traceback__)[::-1]))
+
+
+def _innermost(stack: str) -> str:
+    """The first line of the sandbox's own code in a stack that begins at its end."""
+    found = re.search(rf'File "{re.escape(_ROOT)}/(sandbox/[^"]+)", line (\d+),? in (\S+)', stack)
+    return f"in {found[1]}:{found[2]} {found[3]}" if found else ""
+
+
+def _forget_peak() -> None:
+    with contextlib.suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")
+
+
+def _kilobytes(name: str) -> int:
+    """A figure of this process's memory [KiB]; 0 where the system does not say."""
+    try:
+        found = re.search(rf"^{name}:\s+(\d+)", Path("/proc/self/status").read_text(), re.MULTILINE)
+    except OSError:
+        return 0
+    return int(found[1]) if found else 0

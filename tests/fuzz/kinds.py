@@ -1,0 +1,10 @@
+"""All kinds of inputs, by name."""
+
+from tests.fuzz.action_files import ACTIONS
+from tests.fuzz.checkpoints import CHECKPOINTS
+from tests.fuzz.meshes import MESHES
+from tests.fuzz.messages import MESSAGES
+from tests.fuzz.runs import RUNS
+from tests.fuzz.scene_files import OVERRIDES, SCENES
+
+KINDS = {kind.name: kind for kind in (SCENES, OVERRIDES, ACTIONS, CHECKPOINTS, MESHES, MESSAGES, RUNS)}
