@@ -33,6 +33,8 @@ _MOST_LOST = 0.1
 """Part of a rebound that a scheme may damp before it is told [1]."""
 _FASTER = 0.1
 """Part of the explicit limit below which the implicit midpoint rule follows every vibration [1]."""
+_FALLEN = 0.1
+"""Part of the scene's size that bodies may fall in a step from rest [1]."""
 _BORNE = 0.5
 """Part of the fastest parting that a push can hold against a load [1]."""
 
@@ -94,6 +96,16 @@ def _meeting(assembly: Assembly) -> NDArray[np.bool_]:
     touches = _radii(assembly) > 0.0
     held_together = assembly.families[:, None] == assembly.families[None, :]
     return np.asarray(touches[:, None] & touches[None, :] & ~held_together)
+
+
+def falling_step(assembly: Assembly) -> float:
+    """Longest step in which bodies fall by a small part of their size [s]; inf where they do not fall.
+
+    A bounce gives back the speed at its step's end, which is far above that of the meeting where a step falls far.
+    """
+    gravity = float(np.linalg.norm(assembly.scene.gravity or 0.0))
+    extent = float(np.ptp(assembly.positions, axis=0).max())
+    return math.sqrt(_FALLEN * extent / gravity) if gravity > 0.0 and extent > 0.0 else math.inf
 
 
 @dataclass(frozen=True)

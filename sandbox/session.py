@@ -22,6 +22,7 @@ from sandbox.errors import SceneError
 from sandbox.recording import ActionFile, Header, begin_of, fingerprint, write
 from sandbox.scene.load import check_action, describe
 from sandbox.scene.model import Action, Grab, Interaction, Scene, Waypoint
+from sandbox.scene.model.base import LARGEST
 from sandbox.simulation import Simulation
 
 FloatArray = NDArray[np.float64]
@@ -121,18 +122,14 @@ class Session:
     ) -> LiveGrip | None:
         """Take the particles nearest to a point [m], or those that a ray from there meets first, and what is near.
 
-        None where there are none, or all hands are full.
+        None where there are none, or all hands are full. Raises SceneError where the numbers are none.
         """
         if self._acting.free_hands <= 0:
             return None
-        action = Grab(
-            kind="grab",
-            start=self.simulation.time,
-            end=_LATER,
-            point=_plain(point),
-            direction=None if direction is None else _plain(direction),
-            radius=radius,
-        )
+        given = {"kind": "grab", "start": self.simulation.time, "end": _LATER, "point": self._vector("point", point)}
+        if direction is not None:
+            given["direction"] = self._vector("direction", direction)
+        action = _action(given | ({} if radius is None else {"radius": radius}))
         grip = self._acting.gripped(action)
         if grip is None:
             return None
@@ -141,8 +138,8 @@ class Session:
         return live
 
     def drag(self, grip: LiveGrip, target: Sequence[float]) -> None:
-        """Lead a grip to a place [m] by the end of the next advance."""
-        grip.target = np.array(_plain(target))
+        """Lead a grip to a place [m] by the end of the next advance. Raises SceneError where it is none."""
+        grip.target = np.array(self._vector("target", target))
 
     def release(self, grip: LiveGrip) -> None:
         """Open a hand; a grip that is open already stays so."""
@@ -183,10 +180,7 @@ class Session:
     def act(self, action: Action | Mapping[str, Any]) -> None:
         """Do something now or later: an action as scenes have it. Raises SceneError where it cannot be done live."""
         if isinstance(action, Mapping):
-            try:
-                action = _ACTION.validate_python(dict(action))
-            except ValidationError as error:
-                raise SceneError(describe(error, dict(action), "action", {})) from None
+            action = _action(action)
         assert not isinstance(action, Mapping)
         check_live(action)
         check_action(self.simulation.scene, action)
@@ -206,13 +200,30 @@ class Session:
         self.act({"kind": "solver", "time": self.simulation.time} | {k: v for k, v in given.items() if v is not None})
 
     def scale_material(self, body: str, stiffness: float) -> None:
-        """Have a body's springs so many times as stiff as the scene says from now on [1]."""
+        """Have a body's springs so many times as stiff as the scene says from now on [1].
+
+        Raises SceneError where there is no such body, or its springs cannot be so stiff.
+        """
+        if not (isinstance(stiffness, float | int) and 0.0 < stiffness <= LARGEST):
+            raise SceneError(f"stiffness: must be a number > 0 and at most {LARGEST:g}")
+        if not any(body == one.name for one in self.simulation.scene.bodies):
+            raise SceneError("body: there is none of that name")
         factor = stiffness / self._stiffness.get(body, 1.0)
         if factor == 1.0:
             return
         kind = "stiffen" if factor > 1.0 else "soften"
         self.act({"kind": kind, "time": self.simulation.time, "body": body, "factor": factor})
         self._stiffness[body] = stiffness
+
+    def _vector(self, name: str, values: Sequence[float]) -> tuple[float, ...]:
+        """What a front end gives as a place or a direction [m]. Raises SceneError where it is none in this scene."""
+        numbers = tuple(values) if isinstance(values, Sequence | np.ndarray) else ()
+        dimension = self.simulation.scene.dimension
+        if len(numbers) != dimension or not all(
+            isinstance(n, float | int | np.number) and abs(n) <= LARGEST for n in numbers
+        ):
+            raise SceneError(f"{name}: must be {dimension} numbers of at most {LARGEST:g}")
+        return tuple(float(number) for number in numbers)
 
     # -- the record ---------------------------------------------------------------------------------
 
@@ -242,5 +253,9 @@ class Session:
         write(Path(path), self.recording())
 
 
-def _plain(vector: Sequence[float]) -> tuple[float, ...]:
-    return tuple(float(value) for value in vector)
+def _action(given: Mapping[str, Any]) -> Any:
+    """An action as scenes have it. Raises SceneError where it is none."""
+    try:
+        return _ACTION.validate_python(dict(given))
+    except ValidationError as error:
+        raise SceneError(describe(error, dict(given), "action", {})) from None

@@ -315,6 +315,7 @@ class Simulation(Observed):
             self.switch_solver(solver)
         self.set_state(saved.positions, saved.velocities, saved.time, saved.force_velocities, saved.memory)
         if saved.steps and saved.scene.solver == self.scene.solver:
+            self._steps.check(saved.steps[0])
             self.dt = saved.steps[0]
             self._steps.remember(saved.steps[1:])
 

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from sandbox.errors import SceneError
 from sandbox.postmortem import Failure
 from sandbox.scene.assemble import Assembly
+from sandbox.scene.model.base import LARGEST
 from sandbox.scene.overlaps import BodyPairs, Solids, spacing_of
 from sandbox.warning_log import Remark, WarningKind
 
@@ -41,12 +42,13 @@ def check_start(assembly: Assembly, precision: str) -> None:
 
 
 def check_memory(first: Mapping[str, NDArray[np.float64]], memory: Mapping[str, NDArray[np.float64]]) -> None:
-    """Raise SceneError where ``memory`` is not of the names and shapes that a scene begins with, or not finite."""
+    """Raise SceneError where ``memory`` is not of the names and shapes that a scene begins with, or too large."""
     for name, values in first.items():
         if name.startswith("ledger."):
             continue  # a run may begin its books anew
-        if name not in memory or memory[name].shape != values.shape or not np.isfinite(memory[name]).all():
-            raise SceneError(f"state: {name} must be {len(values)} finite numbers for this scene")
+        fits = name in memory and memory[name].shape == values.shape
+        if not (fits and (np.abs(memory[name]) <= LARGEST).all()):
+            raise SceneError(f"state: {name} must be {len(values)} numbers of at most {LARGEST:g} for this scene")
 
 
 def start_remarks(assembly: Assembly) -> Iterator[Remark]:

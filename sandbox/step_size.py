@@ -1,13 +1,14 @@
 """How long the steps of a run are: chosen before it, looked at again as shapes change, halved in a rescue."""
 
 import functools
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from sandbox import limits
-from sandbox.contact_limits import bounce_remarks, contact_remarks, elastic_share, worst_load
+from sandbox.contact_limits import bounce_remarks, contact_remarks, elastic_share, falling_step, worst_load
 from sandbox.diagnostics import Measurement
 from sandbox.errors import SceneError
 from sandbox.integrators.schemes import Scheme
@@ -88,17 +89,21 @@ class StepSize:
         """The body that another one bears worst."""
         self.safety = min(self.solver.safety, elastic_share(assembly))
         """Part of its limit that an automatic step takes [1]."""
-        self.longest = LONGEST_AUTO_DT if self.load is None else min(LONGEST_AUTO_DT, self.load.step)
+        self.longest = min(LONGEST_AUTO_DT, falling_step(assembly), math.inf if self.load is None else self.load.step)
         """Longest automatic step [s]."""
         self.chosen = self._choose(network)
         """Longest step [s], to begin with and since the limit was last looked at."""
         self.first = self.chosen
         self.seen = (0.0, 0.0)
         """Largest strain [1], and torn springs, when the limit was last looked at."""
-        fps = assembly.scene.render.fps
-        if self.chosen * fps * MOST_STEPS < 1.0:
+        self.check(self.chosen)
+
+    def check(self, dt: float) -> None:
+        """Raise SceneError where steps of ``dt`` [s] make more a picture than anybody waits for."""
+        fps = self.assembly.scene.render.fps
+        if dt * fps * MOST_STEPS < 1.0:
             raise SceneError(
-                f"solver.dt: {self.chosen:.3g} s makes {1.0 / (self.chosen * fps):.3g} steps a picture, more than "
+                f"solver.dt: {dt:.3g} s makes {1.0 / max(dt * fps, 1e-300):.3g} steps a picture, more than "
                 f"{MOST_STEPS:g}: soften or densify the stiffest body, or raise render.fps"
             )
 

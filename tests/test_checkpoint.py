@@ -34,7 +34,9 @@ def test_what_is_written_is_read(saved, tmp_path):
     "change",
     [
         {"time": -1.0}, {"time": np.nan}, {"time": np.inf}, {"steps": (-1e-3, 1e-3, 0.0, 0.0)}, {"steps": (np.nan,)},
-        {"steps": (np.inf,)}, {"positions": np.full((COUNT, 2), np.nan)}, {"positions": np.zeros((COUNT, 3))},
+        {"steps": (np.inf,)},
+        {"steps": (1e-3,)}, {"steps": (1e-3,) * 5}, {"time": 1e16}, {"positions": np.full((COUNT, 2), -1e16)},
+        {"positions": np.full((COUNT, 2), np.nan)}, {"positions": np.zeros((COUNT, 3))},
         {"velocities": np.full((COUNT, 2), np.inf)}, {"velocities": np.zeros((COUNT - 1, 2))},
         {"force_velocities": np.zeros((COUNT, 0))}, {"positions": np.array(1.0)},
     ],
@@ -74,6 +76,15 @@ def rewritten(path, name, content):
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         for part, data in {**parts, name: content}.items():
             archive.writestr(part, data)
+
+
+@pytest.mark.parametrize("head", [b"{'descr': '<f8', 'shape': (7, 2", b"{'descr': \n'<f8", b"(" * 300, b"\0" * 40])
+def test_heads_that_are_no_python(head, saved, tmp_path):
+    path = tmp_path / "c.npz"
+    checkpoint.write(path, saved)
+    rewritten(path, "positions.npy", b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head)
+    with pytest.raises(SceneError, match="is not a checkpoint, or is damaged"):
+        checkpoint.read(path)
 
 
 @pytest.mark.parametrize("rows", [10**12, 10**18, -1])

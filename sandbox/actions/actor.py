@@ -349,11 +349,14 @@ class Actor:
         }
 
     def remember(self, values: Memory) -> None:
-        """Go by what :meth:`memory` said."""
-        self.done = int(values["actions.done"][0])
+        """Go by what :meth:`memory` said. Raises SceneError where that was of other actions."""
+        done, own = values["actions.done"], values["actions.rows"]
+        if not (0 <= done[0] <= len(self.events) and ((own >= -1) & (own < len(self.actions))).all()):
+            raise SceneError("state: what was done until then is not what this scene does")
+        self.done = int(done[0])
         self.factors = values["actions.factors"].copy()
         self.held, self.led, self.entered = (values[f"actions.{name}"] > 0.5 for name in ("held", "led", "entered"))
-        rows = values["actions.rows"].astype(int).tolist()
+        rows = own.astype(int).tolist()
         grips, shakes = self.plan.grips, self.plan.shakes
         self.grips, self.shakes, self.pushes = rows[:grips], rows[grips : grips + shakes], rows[grips + shakes :]
         self._forces = values["actions.forces"].copy()

@@ -216,9 +216,16 @@ def _message(error: Any) -> str:
     template = _MESSAGES.get(kind)
     if template is None:
         return str(error["msg"])
-    got = repr(error["input"])
-    got = got if len(got) <= 60 else got[:57] + "..."
-    return template.format(got=got, **error.get("ctx", {}))
+    return template.format(got=_quoted(error["input"]), **error.get("ctx", {}))
+
+
+def _quoted(value: Any) -> str:
+    """What there was instead, shortened."""
+    try:
+        text = repr(value)
+    except ValueError:  # only decimal digits are limited where TOML is read
+        return "a number of more digits than are written"
+    return text if len(text) <= 60 else text[:57] + "..."
 
 
 def _known_keys() -> list[str]:

@@ -263,3 +263,36 @@ def test_a_hanging_body_sags_by_its_weight_over_the_stiffness_of_the_hand(integr
 def test_what_cannot_be_done_is_one_line(session, action, message):
     with pytest.raises(SceneError, match="(?s)" + message.replace("(", r"\(")):
         session.act(action)
+
+
+@pytest.mark.parametrize(
+    "point",
+    [[math.nan, 0.0], [math.inf, 0.0], [0.0], [0.0, 0.0, 0.0], [1e16, 0.0], ["a", "b"], "ab", None, 3.0, {}],
+    ids=str,
+)
+def test_places_that_are_none_are_refused(session, point):
+    with pytest.raises(SceneError, match="point: must be 2 numbers of at most 1e"):
+        session.grab(point)
+    grip = session.grab([0.0, 0.0])
+    with pytest.raises(SceneError, match="target: must be 2 numbers"):
+        session.drag(grip, point)
+    session.drag(grip, np.array([0.1, 0.0], dtype=np.float32))
+    session.advance(2)
+    assert np.isfinite(session.simulation.positions()).all()
+
+
+@pytest.mark.parametrize("radius", [math.nan, -1.0, 0.0, "wide", [1.0]], ids=str)
+def test_radii_that_are_none_are_refused(session, radius):
+    with pytest.raises(SceneError, match="action: radius"):
+        session.grab([0.0, 0.0], radius=radius)
+
+
+@pytest.mark.parametrize(
+    ("body", "stiffness"),
+    [("box", math.nan), ("box", 0.0), ("box", "hard"), ("box", 10**400), ("box", 1e12), ("nobody", 2.0), ([], 2.0)],
+    ids=str,
+)
+def test_materials_that_are_none_are_refused(session, body, stiffness):
+    with pytest.raises(SceneError):
+        session.scale_material(body, stiffness)
+    assert session.recording().actions == ()

@@ -1,18 +1,11 @@
 """A recording runs again to the same bits, and files of actions never bring a traceback or a NaN."""
 
-import math
 import tomllib
 
-import numpy as np
 import pytest
-import tomli_w
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
-from sandbox.errors import SceneError
 from sandbox.headless import RunOptions, run
 from sandbox.recording import read, with_actions
-from sandbox.scene.load import scene_from_data
 from sandbox.session import Session
 from tests.conftest import make_scene
 
@@ -119,81 +112,3 @@ def test_a_broken_file_is_one_line(text, message, refuses, tmp_path):
     (tmp_path / "acts.toml").write_text(text)
     refuses(message, "run", "drop_2d", "--actions", tmp_path / "acts.toml")
     refuses(message, "validate", "drop_2d", "--actions", tmp_path / "acts.toml")
-
-
-# Taichi's threads flush subnormal numbers to zero, Python's then too.
-# -- anything at all ----------------------------------------------------------------------------------
-
-_times = st.floats(0.0, 0.25, allow_subnormal=False)
-_places = st.floats(-2.0, 2.0, allow_subnormal=False)
-_vectors = st.tuples(_places, _places)
-_forces = st.tuples(*[st.floats(-1e9, 1e9, allow_subnormal=False)] * 2)
-_bodies = st.sampled_from(["box", "nobody"])
-_odd = st.sampled_from([0, -1, 1e300, "x", [], [1.0], None, True, math.inf, math.nan])
-_fields = {
-    "time": _times, "start": _times, "end": _times, "body": _bodies, "point": _vectors, "radius": st.floats(0.01, 3.0),
-    "force": _forces, "impulse": _forces, "amplitude": _vectors, "frequency": st.floats(0.1, 1e4),
-    "velocity": _vectors, "normal": _vectors, "from": _vectors, "to": _vectors, "factor": st.floats(1e-4, 1e4),
-    "indices": st.lists(st.integers(0, 30), max_size=3), "stiffness": st.floats(1.0, 1e12),
-    "max_force": st.floats(1.0, 1e12), "dt": st.floats(1e-4, 1.0),
-    "amount": st.floats(-1.0, 1.0, allow_subnormal=False),
-    "integrator": st.sampled_from(["symplectic_euler", "rk4", "nonsense"]),
-    "path": st.lists(st.fixed_dictionaries({"time": _times, "position": _vectors}), max_size=3),
-}  # fmt: skip
-_needed = {
-    "grab": ("start", "end", "point"), "poke": ("time", "point", "radius", "impulse"),
-    "push": ("start", "end", "body", "force"), "shake": ("start", "end", "amplitude", "frequency"),
-    "wind": ("start", "end", "velocity"), "cut": ("time", "point", "normal"), "pin": ("time", "body"),
-    "unpin": ("time", "body"), "stiffen": ("time", "factor"), "soften": ("start", "end", "factor"),
-    "spawn": ("time", "body"), "move": ("body", "path"), "solver": ("time", "dt"), "pump": ("start", "end", "body"),
-}  # fmt: skip
-
-
-@st.composite
-def actions(draw):
-    """An action that is right but for what chance makes of it."""
-    kind = draw(st.sampled_from(sorted(_needed)))
-    names = {*_needed[kind], *draw(st.lists(st.sampled_from(sorted(_fields)), max_size=1))}
-    action = {name: draw(_odd if draw(st.integers(0, 19)) == 0 else _fields[name]) for name in sorted(names)}
-    return {"kind": kind} | {name: value for name, value in action.items() if value is not None}
-
-
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-@given(st.lists(actions(), max_size=4))
-def test_any_file_is_taken_or_refused_with_one_line(done):
-    data = _scene().model_dump(mode="json", exclude_none=True)
-    try:
-        scene = scene_from_data(data | {"actions": done}, None, source="fuzz")
-    except SceneError as error:
-        assert "\n" not in str(error) and "actions" in str(error)
-        return
-    assert (
-        scene_from_data(tomllib.loads(tomli_w.dumps(scene.model_dump(mode="json", exclude_none=True))), None) == scene
-    )
-
-
-@pytest.fixture(scope="module")
-def opened():
-    session = Session(_scene(diagnostics={"max_speed": 1e4}))
-    yield session
-    session.simulation.suspend()
-
-
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-@given(st.lists(actions(), min_size=1, max_size=4))
-@pytest.mark.filterwarnings("ignore::UserWarning")
-def test_whatever_is_done_the_state_is_finite(opened, done):
-    """The state is good, or the run stops with one line and the last good state."""
-    from sandbox.errors import SandboxError
-
-    opened.reset()
-    try:
-        for action in done:
-            if action["kind"] != "solver":  # compiles
-                opened.act(action)
-        opened.advance(60)
-    except SandboxError as error:
-        assert "\n" not in str(error)
-    assert np.isfinite(opened.simulation.positions()).all()
-    assert np.isfinite(opened.simulation.velocities()).all()
-    assert math.isfinite(opened.simulation.energy().total)

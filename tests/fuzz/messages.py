@@ -127,9 +127,10 @@ def _session() -> Session:
     return Session(scene_from_data(SCENE, None))
 
 
-def _take(path: Path) -> None:
+def _take(path: Path) -> str:
     table = _Table(_session())
     table.session.reset()
+    refused = 0
     for name, given in json.loads(path.read_bytes()):
         try:
             ENTRANCES[name](table, given)
@@ -137,6 +138,7 @@ def _take(path: Path) -> None:
             break
         except SandboxError as error:
             check_message(error)
+            refused += 1
     simulation = table.session.simulation
     try:
         table.session.advance(_TICKS)
@@ -146,6 +148,7 @@ def _take(path: Path) -> None:
         if not math.isfinite(simulation.energy().total):
             raise Wrong("is an energy that is not finite")
     table.session.recording()
+    return "refused in part" if refused else "accepted"
 
 
 MESSAGES = Kind("messages", _drawn, _take, short=60, prepare=_session, simulates=True)

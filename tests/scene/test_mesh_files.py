@@ -1,7 +1,6 @@
 """What becomes of mesh files: faces divided, corners welded, parts faced outward and weighed, remarks made."""
 
 import itertools
-import random
 import re
 from pathlib import Path
 from typing import Any
@@ -9,12 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import sandbox
 from sandbox.errors import SceneError
-from sandbox.scene import mesh_file
 from sandbox.scene.lattice import build_lattice
 from sandbox.scene.mesh_file import is_closed, load_mesh, load_surface, signed_volume
 from sandbox.scene.mesh_files.faces import RawMesh, ear_clipping
@@ -22,7 +18,7 @@ from sandbox.scene.mesh_files.facing import face_outward, gaps
 from sandbox.scene.mesh_files.union import union_volume
 from sandbox.scene.mesh_files.welding import without_slivers
 from sandbox.scene.model import Bracing, Mesh, MeshCollider, Scene
-from tests.scene.test_mesh_variants import HEIGHT, POINTS, REFUSED, VARIANTS, VOLUME, assembled, obj, stl
+from tests.scene.test_mesh_variants import HEIGHT, POINTS, VOLUME, assembled, obj, stl
 from tests.scene.test_mesh_variants import write as write_file
 
 Meshes = Any
@@ -290,27 +286,3 @@ def test_remarks_are_warnings_of_a_simulation(tmp_path: Path) -> None:
         assert sandbox.warning_log.WarningKind.MESH in simulation.warning_log.kinds()
         assert any("left out 1 line" in line for line in simulation.warning_log.lines)
         assert any("is 310 m long" in line for line in simulation.warning_log.lines)
-
-
-CONTENTS = [
-    (ending, c.encode() if isinstance(c, str) else c) for ending, c, _ in [*VARIANTS.values(), *REFUSED.values()]
-]
-WORDS = [b"-1", b"1e400", b"nan", b"99999999999999999999", b"f ", b"v ", b"\n", b"\\\n", b"#", b"\x00", b"\xff", b"1_0"]
-WORDS += [b"end_header\n", b"property list uchar int q\n", b"element face 999999999\n", b"solid", b"endfacet\n", b"/"]
-
-
-@settings(max_examples=150, deadline=None)
-@given(st.integers(0, len(CONTENTS) - 1), st.randoms(use_true_random=False))
-def test_broken_files_are_a_mesh_or_one_line(tmp_path_factory: Any, number: int, chance: random.Random) -> None:
-    ending, content = CONTENTS[number]
-    broken = bytearray(content)
-    for _ in range(chance.choice([1, 1, 2, 5])):
-        at, length = chance.randrange(len(broken) + 1), chance.randrange(30)
-        broken[at : at + chance.choice([0, length])] = chance.choice([chance.choice(WORDS), broken[:length], b""])
-    file = write_file(tmp_path_factory.mktemp("broken", numbered=True), ending, bytes(broken))
-    try:
-        surface = mesh_file.load_surface(Mesh(kind="mesh", file=file))
-    except SceneError as error:
-        assert "\n" not in str(error) and str(error).startswith(f"{file}: ")
-    else:
-        assert np.isfinite(surface.vertices).all() and surface.triangles.max() < len(surface.vertices)

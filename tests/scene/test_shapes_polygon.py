@@ -58,6 +58,13 @@ def test_awkward_outlines_are_filled(points: Any, area: float) -> None:
     check_filled(polygon(points, 0.1), area)
 
 
+def test_a_long_bar_of_many_points_is_filled() -> None:
+    """Enough points for Qhull to get them a little off their places, which are kept."""
+    geometry = polygon([[0, 0], [400, 40], [400, 41], [0, 1]], 0.3)
+    check_filled(geometry, 400.0)
+    assert len(geometry.points) > 4000
+
+
 def test_springs_are_about_as_long_as_the_spacing() -> None:
     geometry = polygon([[0, 0], [3, 0], [3, 1], [1, 1], [1, 2], [0, 2]], 0.1)
     assert geometry.rest_lengths.min() > 0.5 * 0.1

@@ -22,6 +22,9 @@ MOST_POLYGON_POINTS = 2_000_000
 _CLEARANCE = 0.65  # of the spacing: nearer to the outline, triangles there would be flat
 _SMOOTHING_PASSES = 4
 _REFINEMENTS = 12
+_MANY, _JITTER = 4000, 1e-7
+"""Points from which on Qhull gets them off their places, and by how much of the spacing: the equal circles of a grid
+take it time with the square of their number where it is long and thin."""
 _FLAT = 1e-9  # area over spacing^2 of what rounding leaves of a triangle between three points of a straight edge
 
 
@@ -117,8 +120,10 @@ def _triangles(points: FloatArray, loops: list[FloatArray], spacing: float) -> I
 
     # Near the origin Qhull's circles keep more digits.
     centred = points - points.mean(axis=0)
+    chance = np.random.default_rng(0)
+    off = chance.uniform(-_JITTER * spacing, _JITTER * spacing, centred.shape) if len(points) > _MANY else 0.0
     try:
-        triangles = np.asarray(Delaunay(centred).simplices, dtype=np.int32)
+        triangles = np.asarray(Delaunay(centred + off).simplices, dtype=np.int32)
     except QhullError:
         raise SceneError("points: the outline is too thin to be filled") from None
     triangles = triangles[np.abs(signed_areas(centred, triangles)) > _FLAT * spacing**2]
