@@ -93,8 +93,16 @@ class Pipeline:
 
 def build_pipeline(assembly: Assembly, scheme: Scheme, serial: bool, neighbours: int) -> Pipeline:
     """Fields and kernels for just what the scene names; ``neighbours`` is the room for contact."""
-    scene = assembly.scene
     builder = runtime.fields_builder()
+    try:
+        return _build(builder, assembly, scheme, serial, neighbours)
+    except BaseException:
+        runtime.give_up(builder)
+        raise
+
+
+def _build(builder: Any, assembly: Assembly, scheme: Scheme, serial: bool, neighbours: int) -> Pipeline:
+    scene = assembly.scene
     predicts = scheme.predicts_velocity and _sees_velocity(assembly)
     state = ParticleState(builder, assembly, predicts, stage_slots(scheme))
     ledger = Ledger(builder, state.count, state.dimension) if scene.diagnostics.ledger else None

@@ -115,6 +115,16 @@ def fields_builder() -> ti.FieldsBuilder:
     return ti.FieldsBuilder()
 
 
+def give_up(builder: ti.FieldsBuilder) -> None:
+    """Leave Taichi where not all fields of a tree came to be, for want of memory: it does nothing more beside such."""
+    # Those who still save themselves have Taichi look at every field that it has not seen yet.
+    pending = ti.lang.impl.get_runtime()
+    pending.unfinalized_fields_builder.pop(builder, None)
+    for fields in (pending.global_vars, pending.grad_vars, pending.dual_vars, pending.matrix_fields):
+        fields.clear()
+    stop()
+
+
 def packs_fields() -> bool:
     """True where Taichi lays fields of a tree end to end, whatever alignment their types need."""
     return settings().arch == "vulkan"

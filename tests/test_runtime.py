@@ -2,6 +2,7 @@
 
 import gc
 
+import numpy as np
 import pytest
 import taichi as ti
 
@@ -29,3 +30,25 @@ def test_no_array_outlives_its_taichi(uncollected):
     runtime.start(precision="f32")
     runtime.start(precision="f64")
     assert not [one for one in gc.get_objects() if isinstance(one, ti.lang._ndarray.Ndarray)]
+
+
+@pytest.mark.parametrize("where", ["pipeline.Diagnostics", "pipeline.build_stepper", "state.ParticleState.load"])
+def test_an_allocation_that_failed_leaves_nothing_behind(where, simulate, monkeypatch):
+    """Another simulation goes on to the same bits, and the next one works: also where a field has no place yet."""
+    alone, beside = simulate(falling_point()), simulate(falling_point())
+    alone.advance(0.1)
+    beside.advance(0.05)
+
+    def fails(*_, **__):
+        ti.Vector.field(2, ti.f64)
+        raise MemoryError
+
+    with monkeypatch.context() as patched:
+        patched.setattr(f"sandbox.{where}", fails)
+        with pytest.raises(MemoryError):
+            simulate(falling_point())
+    beside.advance(0.05)
+    assert np.array_equal(beside.positions(), alone.positions())
+    again = simulate(falling_point())
+    again.advance(0.1)
+    assert np.array_equal(again.positions(), alone.positions())
