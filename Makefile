@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: run test lint bench clean
+.PHONY: run test lint fuzz bench clean
 
 run: $(VENV)/.installed
 	$(BIN)/sandbox run jelly
@@ -15,6 +15,12 @@ lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+# `make fuzz COUNT=20000 KINDS="scenes meshes"`, or for a time each: `make fuzz COUNT=1000000 SECONDS=600`.
+COUNT = 2000
+SECONDS = inf
+fuzz: $(VENV)/.installed-dev
+	$(BIN)/python -m tests.fuzz --count $(COUNT) --seconds $(SECONDS) $(KINDS)
 
 bench: $(VENV)/.installed-dev
 	$(BIN)/python benchmarks/springs.py

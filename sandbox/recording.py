@@ -45,8 +45,6 @@ def read(path: Path) -> ActionFile:
         return ActionFile.model_validate(data)
     except ValidationError as error:
         raise SceneError(describe(error, data, str(path), {})) from None
-    except RecursionError:
-        raise SceneError(f"{path}: is nested too deeply") from None
 
 
 def write(path: Path, file: ActionFile) -> None:

@@ -132,3 +132,37 @@ def test_a_pile_of_points_pressed_into_one_place_comes_apart(simulate):
     simulation = simulate(scene)
     simulation.advance(0.5)
     assert np.isfinite(simulation.positions()).all()
+
+
+def test_under_great_gravity_automatic_steps_are_short_enough_to_bounce(simulate):
+    """At steps that are short for springs alone a rope would fall 16 m in one, and bounce as high."""
+    shape = {"kind": "rope", "from": [-0.5, 0.0], "to": [0.5, 0.0], "segments": 5}
+    floor = {"kind": "half_space", "point": [0.0, 0.0], "normal": [0.0, 1.0], "restitution": 1.0}
+    rope = {"name": "rope", "shape": shape, "position": [0.0, 1.0], "material": {"stiffness": 1.0, "mass": 1.0}}
+    solver = {"integrator": "xpbd", "precision": "f64"}
+    simulation = simulate(make_scene(dimension=2, gravity=[0.0, -1e6], solver=solver, bodies=[rope], colliders=[floor]))
+    for _ in range(10):
+        simulation.advance(0.001)
+        assert simulation.positions()[:, 1].max() < 1.5
+
+
+@pytest.mark.parametrize(("name", "value"), [("actions.done", -1.0), ("actions.done", 1e9), ("actions.rows", 7.0)])
+def test_memories_of_other_actions_are_refused(name, value, simulate):
+    scene = points([[0.0, 0.0]])
+    push = {"kind": "push", "start": 0.0, "end": 0.2, "body": "points", "force": [1.0, 0.0]}
+    simulation = simulate(make_scene(**scene, actions=[push]))
+    memory = simulation.memory
+    state = simulation.positions(), simulation.velocities()
+    simulation.set_state(*state, time=0.0, memory=memory)
+    memory[name] = np.full_like(memory[name], value)
+    with pytest.raises(SandboxError, match="state: what was done until then is not what this scene does"):
+        simulation.set_state(*state, time=0.0, memory=memory)
+
+
+def test_memories_of_numbers_too_large_to_compute_with_are_refused(simulate):
+    scene = points([[0.0, 0.0]])
+    push = {"kind": "push", "start": 0.0, "end": 0.2, "body": "points", "force": [1.0, 0.0]}
+    simulation = simulate(make_scene(**scene, actions=[push]))
+    memory = simulation.memory | {"actions.forces": np.full_like(simulation.memory["actions.forces"], 1e300)}
+    with pytest.raises(SandboxError, match=r"state: actions.forces must be 1 numbers of at most 1e\+15"):
+        simulation.set_state(simulation.positions(), simulation.velocities(), time=0.0, memory=memory)

@@ -190,5 +190,9 @@ def step_tableau(scheme: RungeKuttaScheme, dt: float, drag: float) -> tuple[NDAr
     faded = np.exp(-drag * dt * np.tril(nodes[1:, None] - nodes[None, :-1]))
     kick = rows * faded
     if drag > 0.0:
+        # Over the one that fades least: of a great drag nothing else would be left of any.
+        exponents = -drag * dt * (1.0 - nodes[:-1])
+        least = exponents[rows[-1] != 0.0].max()
+        kick[-1] = rows[-1] * np.exp(np.minimum(exponents - least, 0.0))
         kick[-1] *= -math.expm1(-drag * dt) / (drag * dt) / kick[-1].sum()
     return dt * rows, dt * kick, np.exp(-drag * dt * nodes[1:]), dt * nodes[:-1], dt * np.array(scheme.weights)

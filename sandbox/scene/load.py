@@ -16,7 +16,7 @@ from sandbox.errors import SceneError, did_you_mean
 from sandbox.scene import model
 from sandbox.scene.action_checks import action_problems
 from sandbox.scene.model import MOST_PARTICLES, Action, Scene
-from sandbox.scene.overrides import MOST_DEEP, TOO_LONG, change, dotted
+from sandbox.scene.overrides import TOO_LONG, change, check_data, dotted
 
 _PACKAGE = Path(__file__).resolve().parent.parent
 # In a wheel the scenes lie inside the package, in a checkout beside it.
@@ -83,7 +83,7 @@ def find_scene(source: str | os.PathLike[str]) -> Path:
 def read_toml(path: Path) -> dict[str, Any]:
     """The data of a TOML file. Raises SceneError where it cannot be read or is not TOML."""
     try:
-        return tomllib.loads(path.read_bytes().decode("utf-8"))
+        data = tomllib.loads(path.read_bytes().decode("utf-8"))
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError as error:
@@ -92,6 +92,8 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise SceneError(f"{path}: is not TOML: {error}") from None
     except ValueError:
         raise SceneError(f"{path}: {TOO_LONG}") from None
+    check_data(data, str(path))
+    return data
 
 
 def scene_from_data(
@@ -106,7 +108,9 @@ def scene_from_data(
     ``source`` begins the text of errors; ``options`` tells for an override which option it came from;
     relative paths of mesh files, in overrides too, start at ``folder``, by default the working directory.
     """
-    _check_depth(data, source)
+    check_data(data, source)
+    for key, value in (overrides or {}).items():
+        check_data({key: value}, (options or {}).get(key, f"--set {key}"))
     raw: dict[str, Any] = copy.deepcopy(dict(data))
     options = options or {}
     given = {change(raw, key, value): options.get(key, f"--set {key}") for key, value in (overrides or {}).items()}
@@ -117,17 +121,6 @@ def scene_from_data(
         raise SceneError(describe(error, raw, source, given)) from None
     check_dimensions(scene, source)
     return scene
-
-
-def _check_depth(data: Any, source: str) -> None:
-    """Raise SceneError where data have more levels than any scene: whoever goes through them may be recursive."""
-    level = [data]
-    for _ in range(MOST_DEEP):
-        lists = (node.values() if isinstance(node, Mapping) else node for node in level)
-        level = [value for nodes in lists for value in nodes if isinstance(value, Mapping | list | tuple)]
-        if not level:
-            return
-    raise SceneError(f"{source}: is nested more than {MOST_DEEP} levels deep")
 
 
 def _anchor_files(data: dict[str, Any], folder: Path) -> None:
@@ -216,16 +209,9 @@ def _message(error: Any) -> str:
     template = _MESSAGES.get(kind)
     if template is None:
         return str(error["msg"])
-    return template.format(got=_quoted(error["input"]), **error.get("ctx", {}))
-
-
-def _quoted(value: Any) -> str:
-    """What there was instead, shortened."""
-    try:
-        text = repr(value)
-    except ValueError:  # only decimal digits are limited where TOML is read
-        return "a number of more digits than are written"
-    return text if len(text) <= 60 else text[:57] + "..."
+    got = repr(error["input"])
+    got = got if len(got) <= 60 else got[:57] + "..."
+    return template.format(got=got, **error.get("ctx", {}))
 
 
 def _known_keys() -> list[str]:

@@ -3,6 +3,7 @@
 import copy
 import re
 import tomllib
+from collections.abc import Mapping
 from typing import Any
 
 from sandbox.errors import SceneError
@@ -15,6 +16,8 @@ TOO_LONG = "has a number of more digits than are read"
 """What is wrong where Python does not turn text into a whole number, which takes long from some thousand digits on."""
 MOST_DEEP = 64
 """Most levels of tables and lists in a scene's data, which has nine."""
+_MOST_BITS = 1024
+"""Most binary digits of a whole number; decimal ones are counted where TOML is read."""
 _MOST_NAMED = 20
 """Names that an error lists."""
 
@@ -31,6 +34,23 @@ def parse_assignment(text: str) -> tuple[str, Any]:
         return key, value.strip()
     except ValueError:
         raise SceneError(f"--set {key}: {TOO_LONG}") from None
+
+
+def check_data(data: Mapping[str, Any], source: str) -> None:
+    """Raise SceneError where data have more levels than any scene, or numbers that cannot be written out again.
+
+    Whoever goes through the levels may be recursive.
+    """
+    level: list[Any] = [data]
+    for _ in range(MOST_DEEP):
+        lists = (node.values() if isinstance(node, Mapping) else node for node in level)
+        values = [value for nodes in lists for value in nodes]
+        if any(isinstance(value, int) and value.bit_length() > _MOST_BITS for value in values):
+            raise SceneError(f"{source}: {TOO_LONG}")
+        level = [value for value in values if isinstance(value, Mapping | list | tuple)]
+        if not level:
+            return
+    raise SceneError(f"{source}: is nested more than {MOST_DEEP} levels deep")
 
 
 def change(data: dict[str, Any], key: str, value: Any) -> str:

@@ -41,7 +41,7 @@ def main() -> int:
 
 def _again(name: str, path: Path) -> int:
     with court(KINDS[name]) as opened:
-        verdict = opened.judge(Input("".join(path.suffixes[-1:]), path.read_bytes()))
+        verdict = opened.judge(KINDS[name], Input("".join(path.suffixes[-1:]), path.read_bytes()))
     print(f"{verdict.outcome} {verdict.place}\n{verdict.message}\n{verdict.seconds:.2f} s, {verdict.megabytes:.0f} MB")
     return int(verdict.failed)
 

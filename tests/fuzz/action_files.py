@@ -35,4 +35,4 @@ def _take(path: Path) -> None:
     assemble(acted)
 
 
-ACTIONS = Kind("actions", _drawn, _take, short=200)
+ACTIONS = Kind("actions", _drawn, _take, short=60)

@@ -77,7 +77,7 @@ def explore(
     tally, begin, rounds = Tally(kind, first_seed), time.perf_counter(), 0
 
     def judge(tried: Input) -> None:
-        verdict = court.judge(tried)
+        verdict = court.judge(kind, tried)
         kept = tally.add(tried, verdict)
         if kept is not None:
             tell(f"{kind.name}: {verdict.place}: {kept}")

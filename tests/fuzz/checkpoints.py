@@ -15,7 +15,7 @@ from sandbox import Simulation, checkpoint
 from sandbox.scene.assemble import assemble
 from sandbox.scene.load import scene_from_data, to_toml
 from tests.fuzz import odd, seeds
-from tests.fuzz.inputs import Input, Kind, Wrong
+from tests.fuzz.inputs import Input, Kind, Wrong, start_taichi
 from tests.fuzz.scene_files import checked
 
 _SOFT = {"stiffness": 500.0, "damping_ratio": 0.1, "mass": 2.0}
@@ -73,7 +73,7 @@ _TYPES = (
 @functools.cache
 def _simulation() -> Simulation:
     """The simulation that checkpoints are of, and that goes on from those that are taken."""
-    simulation = Simulation(scene_from_data(SCENE, None))
+    simulation = Simulation(scene_from_data(SCENE, None), threads=1)
     simulation.advance(0.03)
     return simulation
 
@@ -180,4 +180,4 @@ def _take(path: Path) -> None:
         raise Wrong("went on to a state that is not finite")
 
 
-CHECKPOINTS = Kind("checkpoints", _drawn, _take, short=150, prepare=_members, simulates=True)
+CHECKPOINTS = Kind("checkpoints", _drawn, _take, short=60, prepare=start_taichi)

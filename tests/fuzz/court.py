@@ -10,11 +10,12 @@ import multiprocessing
 import os
 import re
 import resource
+import sys
 import tempfile
 import time
 import traceback
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -55,23 +56,22 @@ class Verdict:
 
 
 class Court:
-    """One process that judges inputs of one kind, made anew where it ends."""
+    """One process that judges inputs of some kinds, made anew where it ends."""
 
-    def __init__(self, kind: Kind) -> None:
-        self.kind = kind
+    def __init__(self, kinds: Sequence[Kind]) -> None:
         self._stack = tempfile.NamedTemporaryFile("r", prefix="stack-")
         self._pool = ProcessPool(
             1,
             context=multiprocessing.get_context("spawn"),
             initializer=_prepare,
-            initargs=(kind.name, self._stack.name),
+            initargs=([kind.name for kind in kinds], self._stack.name),
         )
 
-    def judge(self, tried: Input) -> Verdict:
+    def judge(self, kind: Kind, tried: Input) -> Verdict:
         """What becomes of an input."""
         begin = time.perf_counter()
         try:
-            verdict: Verdict = self._pool.schedule(_judge, args=(tried,), timeout=_LONGEST + _SPARE).result()
+            verdict: Verdict = self._pool.schedule(_judge, args=(kind.name, tried), timeout=_LONGEST + _SPARE).result()
             return verdict
         except TimeoutError:
             stack = Path(self._stack.name).read_text()
@@ -81,15 +81,17 @@ class Court:
 
     def close(self) -> None:
         """End the process."""
+        with contextlib.suppress(TimeoutError, ProcessExpired):
+            self._pool.schedule(_rise, timeout=_LONGEST).result()
         self._pool.stop()
         self._pool.join()
         self._stack.close()
 
 
 @contextlib.contextmanager
-def court(kind: Kind) -> Iterator[Court]:
+def court(*kinds: Kind) -> Iterator[Court]:
     """A court for a while."""
-    opened = Court(kind)
+    opened = Court(kinds)
     try:
         yield opened
     finally:
@@ -101,7 +103,6 @@ def court(kind: Kind) -> Iterator[Court]:
 
 @dataclass(frozen=True)
 class _Bench:
-    kind: Kind
     folder: Path
     printed: IO[bytes]
     stack: IO[str]
@@ -110,7 +111,7 @@ class _Bench:
 _bench: Any = None
 
 
-def _prepare(name: str, stack: str) -> None:
+def _prepare(names: list[str], stack: str) -> None:
     """Import and start what every attempt needs; from here on memory is bounded, and what is printed is seen."""
     global _bench
     from tests.fuzz.kinds import KINDS
@@ -118,19 +119,21 @@ def _prepare(name: str, stack: str) -> None:
     folder = Path(tempfile.mkdtemp(prefix="fuzz-"))
     (folder / seeds.MESH_FILE).write_bytes(seeds.mesh())
     os.chdir(folder)
-    kind = KINDS[name]
-    kind.prepare()
+    for name in names:
+        KINDS[name].prepare()
     room = _kilobytes("VmSize") * 1024 + int(MOST_MEGABYTES * 1e6)
     if room > int(MOST_MEGABYTES * 1e6):
         resource.setrlimit(resource.RLIMIT_AS, (room, resource.RLIM_INFINITY))
     printed = (folder / "printed").open("w+b")
     for stream in (1, 2):
         os.dup2(printed.fileno(), stream)
-    _bench = _Bench(kind, folder, printed, open(stack, "w"))
+    _bench = _Bench(folder, printed, open(stack, "w"))
 
 
-def _judge(tried: Input) -> Verdict:
+def _judge(name: str, tried: Input) -> Verdict:
     """What becomes of an input, by what is raised, printed, and taken of time and memory."""
+    from tests.fuzz.kinds import KINDS
+
     bench: _Bench = _bench
     path = bench.folder / f"input{tried.suffix}"
     path.write_bytes(tried.data)
@@ -139,7 +142,7 @@ def _judge(tried: Input) -> Verdict:
     _forget_peak()
     faulthandler.dump_traceback_later(_LONGEST, file=bench.stack)
     begin = time.process_time()
-    outcome, message, place = _attempt(bench.kind, path)
+    outcome, message, place = _attempt(KINDS[name], path)
     seconds = time.process_time() - begin
     faulthandler.cancel_dump_traceback_later()
     megabytes = _kilobytes("VmHWM") / 1000.0
@@ -156,6 +159,13 @@ def _judge(tried: Input) -> Verdict:
         elif seconds > MOST_SECONDS:
             outcome, message, place = "failed", f"took {seconds:.1f} s ({outcome}: {message})", "hangs"
     return Verdict(outcome, message, place, seconds, megabytes)
+
+
+def _rise() -> None:
+    """Have Taichi keep what it compiled, for the next time."""
+    runtime = sys.modules.get("sandbox.runtime")
+    if runtime is not None:
+        runtime.stop()
 
 
 def _attempt(kind: Kind, path: Path) -> tuple[str, str, str]:

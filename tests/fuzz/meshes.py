@@ -92,4 +92,4 @@ def _prepare() -> None:
     import scipy.spatial  # noqa: F401
 
 
-MESHES = Kind("meshes", _broken, _take, short=150, prepare=_prepare)
+MESHES = Kind("meshes", _broken, _take, short=60, prepare=_prepare)

@@ -18,7 +18,7 @@ from sandbox.errors import DivergedError, SandboxError
 from sandbox.scene.load import scene_from_data
 from sandbox.session import Session
 from tests.fuzz import odd, seeds
-from tests.fuzz.inputs import Input, Kind, Wrong, check_message
+from tests.fuzz.inputs import Input, Kind, Wrong, check_message, start_taichi
 
 _SOFT = {"stiffness": 500.0, "damping_ratio": 0.1, "mass": 2.0}
 SCENE = {
@@ -124,7 +124,7 @@ def _drawn() -> Any:
 
 @functools.cache
 def _session() -> Session:
-    return Session(scene_from_data(SCENE, None))
+    return Session(scene_from_data(SCENE, None), threads=1)
 
 
 def _take(path: Path) -> str:
@@ -151,4 +151,4 @@ def _take(path: Path) -> str:
     return "refused in part" if refused else "accepted"
 
 
-MESSAGES = Kind("messages", _drawn, _take, short=60, prepare=_session, simulates=True)
+MESSAGES = Kind("messages", _drawn, _take, short=15, prepare=start_taichi)

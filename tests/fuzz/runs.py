@@ -13,7 +13,7 @@ from sandbox.scene.load import load_scene
 from sandbox.scene.model import IntegratorName
 from sandbox.step_size import EnergyWatch
 from tests.fuzz import odd, seeds
-from tests.fuzz.inputs import Input, Kind, Wrong, check_message
+from tests.fuzz.inputs import Input, Kind, Wrong, check_message, start_taichi
 from tests.fuzz.scene_files import size_of
 
 _MOST_PARTICLES = 2000
@@ -121,10 +121,4 @@ def _energy_at_hand(simulation: Simulation) -> float:
     return fall + start.kinetic + start.elastic + gas
 
 
-def _prepare() -> None:
-    from sandbox import runtime
-
-    runtime.start(threads=1)
-
-
-RUNS = Kind("runs", _drawn, _take, short=8, prepare=_prepare, simulates=True)
+RUNS = Kind("runs", _drawn, _take, short=4, prepare=start_taichi)

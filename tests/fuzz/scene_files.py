@@ -53,7 +53,7 @@ def _take_scene(path: Path) -> None:
     checked(scene)
 
 
-SCENES = Kind("scenes", _scenes, _take_scene, short=400)
+SCENES = Kind("scenes", _scenes, _take_scene, short=150)
 
 _VALUES = st.one_of(
     st.sampled_from(["1", "2", "0.5", "1e-3", "10.0", "[0.0, 1.0]", "[0.0, 1.0, 2.0]", "auto", "heun", "true", "f64"]),
@@ -65,25 +65,27 @@ _VALUES = st.one_of(
 
 
 @functools.cache
-def _known_keys() -> dict[str, list[str]]:
-    """Dotted keys of every preset, by number and by name."""
-    return {name: sorted(_keys(read_toml(path))) for name, path in preset_paths().items()}
+def _known() -> dict[str, list[tuple[str, Any]]]:
+    """Dotted keys of every preset, by number and by name, and what it has there."""
+    return {name: list(_entries(read_toml(path))) for name, path in preset_paths().items()}
 
 
-def _keys(node: Any) -> Iterator[str]:
+def _entries(node: Any) -> Iterator[tuple[str, Any]]:
     for key, value in node.items() if isinstance(node, dict) else enumerate(node):
         named = value.get("name") if isinstance(value, dict) else None
-        yield str(key)
+        yield str(key), value
         if isinstance(value, dict | list):
-            for below in _keys(value):
-                yield f"{key}.{below}"
+            for below, inner in _entries(value):
+                yield f"{key}.{below}", inner
                 if named is not None:
-                    yield f"{named}.{below}"
+                    yield f"{named}.{below}", inner
 
 
 @st.composite
-def _assignment(draw: Any, keys: list[str]) -> str:
-    key = keys[draw(st.integers(0, len(keys) - 1))]
+def _assignment(draw: Any, entries: list[tuple[str, Any]]) -> str:
+    key, value = entries[draw(st.integers(0, len(entries) - 1))]
+    if not isinstance(value, dict | list | str) and draw(st.booleans()):
+        return f"{key}={value * draw(st.sampled_from([0, 0.5, 1, 2, 1e6, 1e-6]))}"
     match draw(st.integers(0, 9)):
         case 0:
             at = draw(st.integers(0, len(key)))
@@ -101,7 +103,7 @@ def _assignment(draw: Any, keys: list[str]) -> str:
 
 @st.composite
 def _command(draw: Any) -> Input:
-    known = _known_keys()
+    known = _known()
     name = draw(st.sampled_from(sorted(known)))
     words = draw(st.lists(_assignment(known[name]), min_size=1, max_size=2))
     if draw(st.integers(0, 19)) == 0:
@@ -119,4 +121,4 @@ def _take_overrides(path: Path) -> None:
         checked(scene)
 
 
-OVERRIDES = Kind("overrides", _command, _take_overrides, short=400)
+OVERRIDES = Kind("overrides", _command, _take_overrides, short=100)

@@ -243,7 +243,7 @@ def test_bad_overrides_name_the_override(key, message):
         ("a = " + "[" * 1500 + "]" * 1500, "is not TOML: maximum recursion depth exceeded"),
         ("a = " + "[" * 100 + "]" * 100, "is nested more than 64 levels deep"),
         ("duration = " + "9" * 5000, "has a number of more digits than are read"),
-        ("dimension = 2\nbodies = 0x" + "f" * 5000, "must be a list, got a number of more digits than are written"),
+        ("a = [{kind = 0x" + "f" * 5000 + "}]", "has a number of more digits than are read"),
     ],
     ids=["keys", "lists", "fewer lists", "digits", "hexadecimal"],
 )
@@ -265,6 +265,16 @@ def test_bodies_are_bounded_together():
     scene_from_data({"dimension": 2, "bodies": [{"name": "a", **box}]}, None)
     with pytest.raises(SceneError, match=r"bodies: make 3.2e.07 particles together, at most 2e.07 are taken"):
         scene_from_data({"dimension": 2, "bodies": [{"name": "a", **box}, {"name": "b", **box}]}, None)
+
+
+@pytest.mark.parametrize(
+    "value", [1 << 20_000, [[1 << 20_000]], json.loads("[" * 90 + "]" * 90)], ids=["number", "list", "deep"]
+)
+def test_absurd_overrides_are_one_line(value):
+    with pytest.raises(
+        SceneError, match=r"--set duration: (has a number of more digits|is nested more than)"
+    ):
+        scene_from_data(VALID, {"duration": value})
 
 
 NAMED = {
