@@ -18,6 +18,8 @@ Memory = dict[str, FloatArray]
 
 CLOCK = 1.0 / 120.0
 """Time between the parts of what happens little by little [s]: cuts, and springs that become stiffer."""
+_MOST_PARTS = 20_000
+"""Parts of one action; where it takes longer than some minutes, they are longer."""
 ENDS, BEGINS = 0, 1
 """Of events at one time those that end something come first."""
 
@@ -80,5 +82,5 @@ class Change:
 
 def moments(start: float, end: float) -> Sequence[float]:
     """Times at which the parts of a gradual action begin, and its end [s]: two at least."""
-    parts = max(1, math.ceil((end - start) / CLOCK - 1e-6))
+    parts = min(max(1, math.ceil((end - start) / CLOCK - 1e-6)), _MOST_PARTS)
     return [start + (end - start) * part / parts for part in range(parts)] + [end]

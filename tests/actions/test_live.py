@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from sandbox.acting import ActionWarning
+from sandbox.actions.event import moments
 from sandbox.errors import SceneError
 from sandbox.session import Session
 from tests.conftest import make_scene
@@ -296,3 +297,11 @@ def test_materials_that_are_none_are_refused(session, body, stiffness):
     with pytest.raises(SceneError):
         session.scale_material(body, stiffness)
     assert session.recording().actions == ()
+
+
+def test_a_cut_that_takes_for_ever_has_parts_all_the_same(session):
+    for end in (1.0 / 120.0, 1.0, 1e15):
+        times = moments(0.0, end)
+        assert (times[0], times[-1]) == (0.0, end) and 2 <= len(times) <= 20_001
+    session.act({"kind": "cut", "start": 0.0, "end": 1e15, "from": [3.0, 2.0], "to": [4.0, 2.0]})
+    session.advance(2)

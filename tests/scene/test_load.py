@@ -271,9 +271,7 @@ def test_bodies_are_bounded_together():
     "value", [1 << 20_000, [[1 << 20_000]], json.loads("[" * 90 + "]" * 90)], ids=["number", "list", "deep"]
 )
 def test_absurd_overrides_are_one_line(value):
-    with pytest.raises(
-        SceneError, match=r"--set duration: (has a number of more digits|is nested more than)"
-    ):
+    with pytest.raises(SceneError, match=r"--set duration: (has a number of more digits|is nested more than)"):
         scene_from_data(VALID, {"duration": value})
 
 
