@@ -5,7 +5,9 @@ import sys
 from collections.abc import Iterable
 
 _LONGEST = 299
-"""Most characters of a message."""
+"""Most characters of a message..."""
+_LONG_WORD = 60
+"""... and of a word of one that has more."""
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
@@ -25,9 +27,11 @@ def missing_extra(what: str, package: str, extra: str) -> str:
 
 
 def one_line(message: str) -> str:
-    """A message in one line that a terminal shows; of one that quotes too much, its beginning and its end."""
-    # Names and paths are quoted as they are, and may have characters in them that a terminal obeys.
-    line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in " ".join(message.split()))
+    """A message in one line that a terminal shows; of one that quotes too much, what matters more is left."""
+    line = " ".join(message.split())
+    if len(line) > _LONGEST:
+        # Long words are paths, of which the end says most.
+        line = " ".join(word if len(word) <= _LONG_WORD else f"...{word[-_LONG_WORD:]}" for word in line.split())
     return line if len(line) <= _LONGEST else f"{line[: _LONGEST - 105]} ... {line[-100:]}"
 
 

@@ -212,6 +212,8 @@ class Simulation(Observed):
 
     def restore(self) -> None:
         """Go back to the start of the scene, with everything compiled."""
+        if self._pipeline is None:
+            self._asleep_memory = self._first_memory  # what it would wake up with may be of actions that are forgotten
         if self.scene.solver != self._first_solver:
             self.switch_solver(self._first_solver)
         pipeline = self._wake()

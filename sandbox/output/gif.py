@@ -53,7 +53,10 @@ class GifWriter:
         indices = np.where(changed[top:bottom, left:right], np.asarray(coloured), _SAME).astype(np.uint8)
         shown = Image.fromarray(indices, "P")
         shown.putpalette(coloured.getpalette() or [])
-        options = {"duration": self._duration(), "transparency": _SAME, "disposal": 1, "include_color_table": True}
+        options: dict[str, Any] = {"duration": self._duration(), "disposal": 1, "include_color_table": True}
+        if self._last is not None:
+            # Not of the first, which has nothing before it: readers would give all pictures an alpha channel.
+            options["transparency"] = _SAME
         return list(GifImagePlugin.getdata(shown, (int(left), int(top)), **options))
 
     def _duration(self) -> int:

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from sandbox import runtime
 from sandbox.acting import ActionWarning
 from sandbox.actions.event import moments
 from sandbox.errors import SceneError
@@ -305,3 +306,14 @@ def test_a_cut_that_takes_for_ever_has_parts_all_the_same(session):
         assert (times[0], times[-1]) == (0.0, end) and 2 <= len(times) <= 20_001
     session.act({"kind": "cut", "start": 0.0, "end": 1e15, "from": [3.0, 2.0], "to": [4.0, 2.0]})
     session.advance(2)
+
+
+def test_a_reset_after_taichi_was_stopped_forgets_what_was_done(session):
+    runtime.stop()  # what is asleep remembers a scene in which nothing was done
+    session.change_solver(dt=2.0 * _DT)
+    session.advance(2)
+    runtime.stop()
+    session.reset()
+    session.advance(1)
+    assert session.simulation.time == pytest.approx(session.tick)
+    assert session.simulation.scene.solver.dt == _DT

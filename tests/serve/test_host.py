@@ -215,13 +215,14 @@ def test_material_and_solver_are_changed_while_it_runs(host, view):
 def test_a_blow_up_stops_time_and_is_said_and_reset_helps(host, view):
     viewer = view()
     host.commands.put(ask.SetSolver(dt="0.05"))
-    wait_for(host, lambda: host.pace.paused, seconds=30.0)
+    wait_for(host, lambda: host.pace.paused, seconds=60.0)
     viewer.look_around()
     assert viewer.reads("diverged at t =") and viewer.reads("Reset")
     host.commands.put(ask.Reset())
-    wait_for(host, lambda: host.session.ticks > 5)
+    # The solver of the scene is compiled again.
+    wait_for(host, lambda: not host.pace.paused and host.session.ticks > 5, seconds=60.0)
     viewer.look_around()
-    assert not host.pace.paused and not viewer.reads("diverged at t =")
+    assert not viewer.reads("diverged at t =")
 
 
 def test_a_viewer_that_does_not_look_slows_nobody_and_is_not_sent_old_pictures(host, view):
