@@ -24,7 +24,7 @@ SCENE = {
     "solver": {"dt": 1e-3, "precision": "f64"},
     "bodies": [
         {
-            "name": "box", "position": [0.0, 2.0], "material": {**_SOFT, "yield_strain": 0.1, "break_strain": 0.9},
+            "name": "box", "position": [0.0, 2.0], "material": {**_SOFT, "yield_strain": 0.1},
             "shape": {"kind": "box", "size": [0.6, 0.4], "cells": [3, 2]},
         },
         {
@@ -33,7 +33,7 @@ SCENE = {
             "shape": {"kind": "ring", "radius": 0.3, "segments": 10},
         },
     ],
-    "actions": [{"kind": "cut", "time": 0.02, "point": [0.0, 2.0], "normal": [1.0, 0.0], "body": "box"}],
+    "actions": [{"kind": "push", "start": 0.01, "end": 0.05, "body": "box", "force": [1.0, 0.0]}],
 }  # fmt: skip
 """Few bodies with something to remember beside their places."""
 _SHAPES = (

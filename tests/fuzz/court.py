@@ -15,7 +15,7 @@ import tempfile
 import time
 import traceback
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -24,14 +24,14 @@ from pebble import ProcessExpired, ProcessPool
 
 from sandbox.errors import SandboxError
 from tests.fuzz import seeds
-from tests.fuzz.inputs import Input, Kind, Wrong, check_message
+from tests.fuzz.inputs import Attempt, Input, Kind, Wrong, check_message
 
 MOST_SECONDS = 20.0
 """That an input may take of a processor, so that it does not matter what else the machine does."""
 MOST_MEGABYTES = 1000.0
 """That the process may have in memory at once."""
-_LONGEST, _SPARE = 3.0 * MOST_SECONDS, 2.0
-"""Time after which a process that is not done says where it is, and then until it is ended [s]."""
+_SPARE = 2.0
+"""Time in which a process that hangs says where, before it is ended [s]."""
 _ROOT = str(Path(__file__).resolve().parents[2])
 
 
@@ -58,23 +58,26 @@ class Verdict:
 class Court:
     """One process that judges inputs of some kinds, made anew where it ends."""
 
-    def __init__(self, kinds: Sequence[Kind]) -> None:
-        self._stack = tempfile.NamedTemporaryFile("r", prefix="stack-")
+    def __init__(self, kinds: Sequence[Kind], longest: float = 3.0 * MOST_SECONDS) -> None:
+        """``longest``: time after which a process that is not done counts as hanging [s]."""
+        self._longest = longest
+        self._folder = tempfile.TemporaryDirectory(prefix="fuzz-")
         self._pool = ProcessPool(
             1,
             context=multiprocessing.get_context("spawn"),
             initializer=_prepare,
-            initargs=([kind.name for kind in kinds], self._stack.name),
+            initargs=([kind.prepare for kind in kinds], Path(self._folder.name)),
         )
 
     def judge(self, kind: Kind, tried: Input) -> Verdict:
         """What becomes of an input."""
         begin = time.perf_counter()
         try:
-            verdict: Verdict = self._pool.schedule(_judge, args=(kind.name, tried), timeout=_LONGEST + _SPARE).result()
+            arguments = (kind.attempt, tried, self._longest)
+            verdict: Verdict = self._pool.schedule(_judge, args=arguments, timeout=self._longest + _SPARE).result()
             return verdict
         except TimeoutError:
-            stack = Path(self._stack.name).read_text()
+            stack = (Path(self._folder.name) / "stack").read_text()
             return Verdict("failed", stack, f"hangs {_innermost(stack)}", time.perf_counter() - begin)
         except ProcessExpired as error:
             return Verdict("failed", str(error), "crashes", time.perf_counter() - begin)
@@ -82,10 +85,10 @@ class Court:
     def close(self) -> None:
         """End the process."""
         with contextlib.suppress(TimeoutError, ProcessExpired):
-            self._pool.schedule(_rise, timeout=_LONGEST).result()
+            self._pool.schedule(_rise, timeout=self._longest).result()
         self._pool.stop()
         self._pool.join()
-        self._stack.close()
+        self._folder.cleanup()
 
 
 @contextlib.contextmanager
@@ -111,53 +114,49 @@ class _Bench:
 _bench: Any = None
 
 
-def _prepare(names: list[str], stack: str) -> None:
+def _prepare(preparations: list[Callable[[], object]], folder: Path) -> None:
     """Import and start what every attempt needs; from here on memory is bounded, and what is printed is seen."""
     global _bench
-    from tests.fuzz.kinds import KINDS
-
-    folder = Path(tempfile.mkdtemp(prefix="fuzz-"))
     (folder / seeds.MESH_FILE).write_bytes(seeds.mesh())
     os.chdir(folder)
-    for name in names:
-        KINDS[name].prepare()
+    for prepare in preparations:
+        prepare()
     room = _kilobytes("VmSize") * 1024 + int(MOST_MEGABYTES * 1e6)
     if room > int(MOST_MEGABYTES * 1e6):
         resource.setrlimit(resource.RLIMIT_AS, (room, resource.RLIM_INFINITY))
-    printed = (folder / "printed").open("w+b")
+    # What is appended begins at the start again once a file is cut off there.
+    printed = (folder / "printed").open("a+b")
     for stream in (1, 2):
         os.dup2(printed.fileno(), stream)
-    _bench = _Bench(folder, printed, open(stack, "w"))
+    _bench = _Bench(folder, printed, (folder / "stack").open("a"))
 
 
-def _judge(name: str, tried: Input) -> Verdict:
+def _judge(attempt: Attempt, tried: Input, longest: float) -> Verdict:
     """What becomes of an input, by what is raised, printed, and taken of time and memory."""
-    from tests.fuzz.kinds import KINDS
-
     bench: _Bench = _bench
     path = bench.folder / f"input{tried.suffix}"
     path.write_bytes(tried.data)
     os.ftruncate(bench.printed.fileno(), 0)
     bench.stack.truncate(0)
     _forget_peak()
-    faulthandler.dump_traceback_later(_LONGEST, file=bench.stack)
+    faulthandler.dump_traceback_later(longest, file=bench.stack)
     begin = time.process_time()
-    outcome, message, place = _attempt(KINDS[name], path)
+    outcome, message, place = _outcome(attempt, path)
     seconds = time.process_time() - begin
     faulthandler.cancel_dump_traceback_later()
     megabytes = _kilobytes("VmHWM") / 1000.0
+    sys.stdout.flush()
+    sys.stderr.flush()
     printed = os.pread(bench.printed.fileno(), 2000, 0)
     if outcome != "failed":
-        if printed:
-            outcome, message, place = "failed", printed.decode("utf-8", "replace"), "prints"
-        elif megabytes > MOST_MEGABYTES:
-            outcome, message, place = (
-                "failed",
-                f"took {megabytes:.0f} MB ({outcome}: {message})",
-                "takes too much memory",
-            )
-        elif seconds > MOST_SECONDS:
-            outcome, message, place = "failed", f"took {seconds:.1f} s ({outcome}: {message})", "hangs"
+        before = f"{outcome}: {message}, after {seconds:.1f} s, with {megabytes:.0f} MB\n"
+        excesses = {
+            "prints": bool(printed),
+            "takes too much memory": megabytes > MOST_MEGABYTES,
+            "hangs": seconds > MOST_SECONDS,
+        }
+        if place := next((name for name, exceeds in excesses.items() if exceeds), ""):
+            outcome, message = "failed", before + printed.decode("utf-8", "replace")
     return Verdict(outcome, message, place, seconds, megabytes)
 
 
@@ -168,13 +167,13 @@ def _rise() -> None:
         runtime.stop()
 
 
-def _attempt(kind: Kind, path: Path) -> tuple[str, str, str]:
+def _outcome(attempt: Attempt, path: Path) -> tuple[str, str, str]:
     """Outcome, message and place of one attempt."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.simplefilter("ignore", UserWarning)  # the sandbox's own are of this kind
         try:
-            taken = kind.attempt(path)
+            taken = attempt(path)
             return taken if isinstance(taken, str) else "accepted", "", ""
         except SandboxError as error:
             try:

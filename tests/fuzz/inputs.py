@@ -18,18 +18,25 @@ class Input(NamedTuple):
     data: bytes
 
 
+Attempt = Callable[[Path], object]
+"""Takes the file of an input, in the process that judges. Raises SandboxError where it is refused."""
+
+
+def nothing() -> None:
+    """Prepare nothing."""
+
+
 @dataclass(frozen=True)
 class Kind:
-    """Inputs of one kind, and what takes them."""
+    """Inputs of one kind, and what takes them. Its functions have names, by which another process finds them."""
 
     name: str
     drawn: Callable[[], Any]
     """Makes the strategy of hypothesis that draws an :class:`Input`."""
-    attempt: Callable[[Path], object]
-    """Takes the file of an input, in the process that judges. Raises SandboxError where it is refused."""
+    attempt: Attempt
     short: int
     """How many are tried in the suite."""
-    prepare: Callable[[], object] = lambda: None
+    prepare: Callable[[], object] = nothing
     """Imports, and starts, what every attempt needs; counts for none."""
 
 

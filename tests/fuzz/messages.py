@@ -30,10 +30,6 @@ SCENE = {
             "shape": {"kind": "box", "size": [0.6, 0.4], "cells": [3, 2]},
         },
         {
-            "name": "ring", "position": [2.0, 2.0], "material": _SOFT, "pressure": {"gauge_pressure": 500.0},
-            "shape": {"kind": "ring", "radius": 0.3, "segments": 10},
-        },
-        {
             "name": "rope", "position": [-2.0, 3.0], "material": _SOFT, "pin": {"indices": [0]},
             "shape": {"kind": "rope", "from": [0.0, 0.0], "to": [1.0, 0.0], "segments": 5},
         },
@@ -82,7 +78,7 @@ ENTRANCES: dict[str, Callable[[_Table, dict[str, Any]], object]] = {
 _place = st.tuples(*[st.sampled_from([-3.0, -0.3, 0.0, 0.2, 0.5, 2.0, 2.1, 3.0])] * 2).map(list)
 _point = st.one_of(_place, _place, st.lists(st.sampled_from(odd.NUMBERS), min_size=1, max_size=4), odd.values)
 _number = st.one_of(st.sampled_from([0.5, 1.0, 2.0, 100.0]), odd.values)
-_body = st.sampled_from(["box", "box", "ring", "rope", "nobody", "", "\ud800", 3])
+_body = st.sampled_from(["box", "box", "rope", "nobody", "", "\ud800", 3])
 _actions = odd.changed([[action] for action in seeds.FLAT["actions"] if action["kind"] != "solver"], odd.values, most=2)
 
 

@@ -53,7 +53,7 @@ def _take_scene(path: Path) -> None:
     checked(scene)
 
 
-SCENES = Kind("scenes", _scenes, _take_scene, short=150)
+SCENES = Kind("scenes", _scenes, _take_scene, short=100)
 
 _VALUES = st.one_of(
     st.sampled_from(["1", "2", "0.5", "1e-3", "10.0", "[0.0, 1.0]", "[0.0, 1.0, 2.0]", "auto", "heun", "true", "f64"]),
