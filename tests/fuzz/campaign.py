@@ -77,6 +77,8 @@ def explore(
     tally, begin, rounds = Tally(kind, first_seed), time.perf_counter(), 0
 
     def judge(tried: Input) -> None:
+        if time.perf_counter() - begin >= seconds:
+            return  # what is left of the round is only drawn
         verdict = court.judge(kind, tried)
         kept = tally.add(tried, verdict)
         if kept is not None:
