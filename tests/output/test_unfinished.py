@@ -190,6 +190,7 @@ def test_a_disk_that_fills_loses_nothing(whole, tmp_path, monkeypatch, file):
         ({"solver.dt": 0.002, "solver.adapt": "rescue", "diagnostics.max_strain": 3.0}, {"video": "png"}),
     ],
 )  # fmt: skip
+@pytest.mark.filterwarnings("ignore::sandbox.StabilityWarning")
 def test_what_was_noticed_and_written_down_goes_on(tmp_path, changes, options):
     straight, parted = tmp_path / "straight", tmp_path / "parted"
     begin(straight, scene_changes=changes, **options)
