@@ -28,7 +28,8 @@ def missing_extra(what: str, package: str, extra: str) -> str:
 
 def one_line(message: str) -> str:
     """A message in one line that a terminal shows; of one that quotes too much, what matters more is left."""
-    line = " ".join(message.split())
+    # Names and paths are quoted as they are, and may have characters in them that a terminal obeys.
+    line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in " ".join(message.split()))
     if len(line) > _LONGEST:
         # Long words are paths, of which the end says most.
         line = " ".join(word if len(word) <= _LONG_WORD else f"...{word[-_LONG_WORD:]}" for word in line.split())
