@@ -1,6 +1,5 @@
 """What a run writes down besides pictures: its trajectory, and its surfaces as mesh files."""
 
-import math
 from collections.abc import Sequence
 from enum import StrEnum
 from typing import TYPE_CHECKING
@@ -116,15 +115,14 @@ class FrameRecorder:
         arch: str,
         trajectory: str | None,
         exports: Sequence[str],
-        begin: float,
+        pictures: int,
         earlier: int = 0,
     ) -> "FrameRecorder":
-        """A recorder of the kinds of trajectory and mesh files that a run from ``begin`` [s] wants.
+        """A recorder of the kinds of trajectory and mesh files that a run of so many pictures wants.
 
         ``earlier`` frames that the folder keeps are written again first.
         """
         scene = simulation.scene
-        pictures = max(1, math.ceil((scene.duration - begin) * scene.render.fps - 1e-6))
         writers = open_exports(exports, folder, simulation.assembly, simulation.precision, name, pictures)
         kind, tears = check_kind("--trajectory", trajectory), simulation.torn is not None
         if kind is not None:

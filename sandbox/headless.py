@@ -20,7 +20,7 @@ from sandbox import __version__
 from sandbox.errors import DivergedError, SceneError
 from sandbox.exports import check_outputs
 from sandbox.gathered import energies
-from sandbox.output.folder import SUMMARY, RunFolder
+from sandbox.output.folder import CHECKPOINT, SUMMARY, RunFolder
 from sandbox.output.inline import InlinePicture, InlineVideo
 from sandbox.output.kept_frames import KEPT_FRAMES
 from sandbox.output.progress import NoProgress, ProgressReport
@@ -77,7 +77,7 @@ class RunOptions:
         pictures = () if self.renderer == "none" else ("poster.png", "postmortem.png", *video_names(self.video))
         states = [] if self.trajectory is None else [f"trajectory.{self.trajectory}"]
         states += [KEPT_FRAMES] if self.trajectory or self.exports else []
-        return ("metrics.csv", SUMMARY, "scene.toml", "checkpoint.npz", *pictures, *states)
+        return ("metrics.csv", SUMMARY, "scene.toml", CHECKPOINT, *pictures, *states)
 
     def plain(self, precision: str) -> dict[str, Any]:
         """What must be the same where a run is gone on with, as plain data."""

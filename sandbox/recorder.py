@@ -95,9 +95,11 @@ class Recorder:
         self.writer: PictureWriter = open_writer(folder.partial, video, scene.render.fps, memory)
         rows = 0 if earlier is None else int(earlier.note["metrics"])
         self.metrics = MetricsWriter(folder.partial / "metrics.csv", simulation.assembly, rows)
+        self.count = max(1, math.ceil((scene.duration - self.gathered.begin) / (1.0 / scene.render.fps) - 1e-6))
+        """Number of the last picture."""
         self.frames = FrameRecorder.open(
             *(simulation, folder, options.name, options.arch, options.trajectory, options.exports),
-            begin=self.gathered.begin,
+            pictures=self.count,
             earlier=0 if earlier is None else self.gathered.number + 1,
         )
         if earlier is None:
@@ -135,8 +137,7 @@ class Recorder:
     def record(self, progress: ProgressReport, is_stopping: Callable[[], bool]) -> None:
         """Every picture that is left until the scene's duration. Raises KeyboardInterrupt where that is wanted."""
         simulation, duration, gathered = self.simulation, self.scene.duration, self.gathered
-        frame = 1.0 / self.scene.render.fps
-        count = max(1, math.ceil((duration - gathered.begin) / frame - 1e-6))
+        frame, count = 1.0 / self.scene.render.fps, self.count
         for number in range(gathered.number + 1, count + 1):
             due = min(gathered.begin + number * frame, duration)
             self.is_whole = False

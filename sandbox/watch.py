@@ -94,10 +94,8 @@ class Watch:
         self.begun, self.tally = _Tally(), _Tally()
         # What passes through each other from the start on is told then, see start_remarks.
         self.passing = BodyPairs(self.assembly, touching=False)
-        self.passed: list[tuple[int, int]] = []
         for overlap in self.passing.overlaps(positions) if self.passing else ():
             self.passing.forget(overlap.first, overlap.second)
-            self.passed.append((overlap.first, overlap.second))
 
     def memory(self) -> dict[str, Any]:
         """What was seen so far as plain data, for :meth:`remember`."""
@@ -105,7 +103,7 @@ class Watch:
             "spells": [(body, *astuple(spell)) for body, spell in self.spells.items()],
             "sunk": [(*astuple(sunk), time) for sunk, time in self.sunk.values()],
             "depths": (self.deep_since, self.deepest, self.overlap),
-            "bodies": (self.next_time, self.met, self.passed),
+            "bodies": (self.next_time, self.met, self.passing.forgotten),
             "solver": (self.scheme, astuple(self.begun), astuple(self.tally)),
         }
 
@@ -114,10 +112,9 @@ class Watch:
         self.spells = {int(body): _Spell(*values) for body, *values in memory["spells"]}
         self.sunk = {(body, name): (Sunk(body, name, depth), time) for body, name, depth, time in memory["sunk"]}
         self.deep_since, self.deepest, self.overlap = memory["depths"]
-        self.next_time, self.met, passed = memory["bodies"]
+        self.next_time, self.met, forgotten = memory["bodies"]
         self.passing = BodyPairs(self.assembly, touching=False)
-        self.passed = [(first, second) for first, second in passed]
-        for first, second in self.passed:
+        for first, second in forgotten:
             self.passing.forget(first, second)
         self.scheme, begun, tally = memory["solver"]
         self.begun, self.tally = _Tally(*begun), _Tally(*tally)
@@ -192,7 +189,6 @@ class Watch:
     def _look_at_bodies(self, simulation: Any) -> None:
         for overlap in self.passing.overlaps(simulation.state.read()[0]):
             self.passing.forget(overlap.first, overlap.second)
-            self.passed.append((overlap.first, overlap.second))
             first, second = self.names[overlap.first], self.names[overlap.second]
             self.met.append(f"{first!r} and {second!r} from t = {simulation.time:.3g} s on")
             line = f"bodies are in each other's place: {few(self.met, 'pairs')}; {NO_RADIUS}"

@@ -1,9 +1,6 @@
 """The state at a picture's time, and who takes it: trajectories and mesh files. NumPy only."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -51,15 +48,3 @@ class Stem:
     def of(self, number: int) -> str:
         """The name of a frame's file, without its ending; names sort as frames do."""
         return f"{self.name}_{number:0{max(4, len(str(self.pictures)))}d}"
-
-
-@contextmanager
-def whole(path: Path) -> Iterator[Path]:
-    """A temporary file beside ``path`` that takes its name when the block ends well: an interrupted one leaves none."""
-    temporary = path.with_name(f".{path.name}.part")
-    try:
-        yield temporary
-        temporary.replace(path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise

@@ -6,6 +6,7 @@ the same bits whether the run went through or was gone on with.
 
 import io
 from collections.abc import Callable
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, cast
@@ -98,18 +99,17 @@ class VideoWriter:
         }
 
 
+@dataclass(frozen=True)
 class VideoKind:
     """What is particular of a container: its codec, and where its head ends."""
 
-    def __init__(
-        self, name: str, codec: str, codec_options: dict[str, str], options: dict[str, str],
-        first_group: Callable[[bytes], int],
-    ) -> None:  # fmt: skip
-        self.name, self.codec, self.codec_options = name, codec, codec_options
-        self.options = options
-        """Of a container that is written in groups."""
-        self.first_group = first_group
-        """Where in a container with one group that begins."""
+    name: str
+    codec: str
+    codec_options: dict[str, str]
+    options: dict[str, str]
+    """Of a container that is written in groups."""
+    first_group: Callable[[bytes], int]
+    """Where in a container with one group that begins."""
 
 
 def _first_fragment(data: bytes) -> int:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from sandbox.files import append_at, write_all
 from sandbox.output.frames import Frame
 
 KEPT_FRAMES = "states.raw"
@@ -34,11 +35,7 @@ class KeptFrames:
         self._path, self._kind, self._count = path, np.dtype(fields), count
         self._names = [field[0] for field in fields]
         size = count * self._kind.itemsize
-        if count and path.stat().st_size < size:
-            raise ValueError(f"{path} ends early")
-        self._file = path.open("rb+" if count else "wb")
-        self._file.truncate(size)
-        self._file.seek(size)
+        self._file = append_at(path, size) if count else path.open("wb", buffering=0)
 
     def frames(self) -> Iterator[Frame]:
         """Those that were kept before."""
@@ -60,8 +57,7 @@ class KeptFrames:
         record = np.zeros(1, dtype=self._kind)
         for name in self._names:
             record[name] = getattr(frame, name)
-        self._file.write(record.tobytes())
-        self._file.flush()
+        write_all(self._file, record.tobytes())
 
     def close(self) -> None:
         """Finish the file."""

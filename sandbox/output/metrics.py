@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from sandbox.diagnostics import Measurement
+from sandbox.files import append_at
 from sandbox.ledger import TERMS
 from sandbox.scene.assemble import Assembly
 
@@ -21,12 +22,11 @@ class MetricsWriter:
         """
         cells, tears, ledger = len(assembly.cells) > 0, assembly.spring_set.tears, assembly.scene.diagnostics.ledger
         self._cells, self._tears, self._ledger = cells, tears, ledger
-        if size and path.stat().st_size < size:
-            raise ValueError(f"{path} ends early")
-        self._file = path.open("r+" if size else "w", newline="", encoding="utf-8")
+        if size:
+            append_at(path, size).close()
+        self._file = path.open("a" if size else "w", newline="", encoding="utf-8")
         self._writer: Any = csv.writer(self._file)
         if size:
-            self._file.seek(self._file.truncate(size))
             return
         axes = _AXES[: assembly.dimension]
         turns = ["z"] if assembly.dimension == 2 else list(axes)

@@ -73,6 +73,8 @@ class BodyPairs:
         may &= np.tri(count, k=-1, dtype=bool).T & assembly.scene.contact.enabled
         self.may = may
         """True where the first of two bodies comes before the second and the pair is one of these, shape (B, B)."""
+        self.forgotten: list[tuple[int, int]] = []
+        """Pairs that were, and are looked at no more."""
 
     @functools.cached_property
     def members(self) -> list[NDArray[np.int64]]:
@@ -95,6 +97,7 @@ class BodyPairs:
     def forget(self, first: int, second: int) -> None:
         """Look at this pair no more."""
         self.may[first, second] = False
+        self.forgotten.append((first, second))
 
     def overlaps(self, positions: FloatArray) -> list[Overlap]:
         """Those in each other's place, the deepest first; ``positions`` are internal [m], shape (N, d)."""

@@ -64,32 +64,28 @@ def leaves_connections_half_open(target):
         link.close()
 
 
-@hostile
-def looks_and_never_reads(target):
+def _never_reads(target, count, sent, seconds):
+    """Connections that ask for something, and take next to nothing of it for a while."""
     links = []
-    for _ in range(10):
+    for _ in range(count):
         link = socket.socket()
         link.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 12)
         link.connect(("127.0.0.1", target.port))
-        link.sendall(target.handshake() + frame(2, pack(camera())))
+        link.sendall(sent)
         links.append(link)
-    time.sleep(1.0)
+    time.sleep(seconds)
     for link in links:
         link.close()
+
+
+@hostile
+def looks_and_never_reads(target):
+    _never_reads(target, 10, target.handshake() + frame(2, pack(camera())), 1.0)
 
 
 @hostile
 def fetches_the_page_and_never_reads(target):
-    links = []
-    for _ in range(60):
-        link = socket.socket()
-        link.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 12)
-        link.connect(("127.0.0.1", target.port))
-        link.sendall(PAGE)
-        links.append(link)
-    time.sleep(0.5)
-    for link in links:
-        link.close()
+    _never_reads(target, 60, PAGE, 0.5)
 
 
 @hostile

@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from sandbox.output.frames import FloatArray, Frame, whole
+from sandbox.files import replace_when_whole
+from sandbox.output.frames import FloatArray, Frame
 from sandbox.output.mesh.solids import Prop, props
 from sandbox.output.mesh.surface import BodyShape, Surfaces
 from sandbox.render import palette
@@ -48,7 +49,7 @@ class GlbWriter:
             )
         if not scene.geometry:
             return  # the format has no empty scenes
-        with whole(self._path) as path:
+        with replace_when_whole(self._path, syncs=False) as path:
             path.write_bytes(scene.export(file_type="glb", include_normals=True))
 
     def _meshes(self, shape: BodyShape) -> list[tuple[str, Any]]:

@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from sandbox.output.frames import Frame, Stem, whole
+from sandbox.files import replace_when_whole
+from sandbox.output.frames import Frame, Stem
 from sandbox.output.mesh.surface import BodyShape, Surfaces
 
 
@@ -37,7 +38,8 @@ class PlyWriter:
         header += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
         if len(lines):
             header += [f"element edge {len(lines)}", "property int vertex1", "property int vertex2"]
-        with whole(self._folder / f"{self._stem.of(frame.number)}.ply") as path, path.open("wb") as file:
+        target = self._folder / f"{self._stem.of(frame.number)}.ply"
+        with replace_when_whole(target, syncs=False) as path, path.open("wb") as file:
             file.write(("\n".join([*header, "end_header"]) + "\n").encode("ascii"))
             for table in (vertices, faces, lines.astype("<i4")):
                 file.write(table.tobytes())
@@ -58,7 +60,7 @@ class ObjWriter:
     def write(self, frame: Frame) -> None:
         """Write the file of one frame."""
         first = 1
-        with whole(self._folder / f"{self._stem.of(frame.number)}.obj") as path:
+        with replace_when_whole(self._folder / f"{self._stem.of(frame.number)}.obj", syncs=False) as path:
             with path.open("w", encoding="utf-8") as file:
                 file.write(f"# time {frame.time!r} s\n")
                 for shape in map(BodyShape.compact, self._surfaces.at(frame)):

@@ -13,7 +13,8 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
-from sandbox.output.frames import FloatArray, Frame, Stem, whole
+from sandbox.files import replace_when_whole
+from sandbox.output.frames import FloatArray, Frame, Stem
 from sandbox.output.mesh.surface import Surfaces, flat_to_space
 from sandbox.scene.assemble import Assembly
 
@@ -129,7 +130,7 @@ class _Series:
         }
         file.section("Cells", cells)
         name = f"{self._stem.of(frame.number)}.vtu"
-        with whole(self._folder / name) as path:
+        with replace_when_whole(self._folder / name, syncs=False) as path:
             path.write_bytes(file.finished())
         place = quoteattr(f"{self._folder.name}/{name}")
         self._entries.append(f'    <DataSet timestep="{frame.time!r}" part="0" file={place}/>\n')
