@@ -164,8 +164,10 @@ def run(scene: Scene, options: RunOptions, progress: ProgressReport | None = Non
         if earlier is not None and earlier.is_done:
             return _published(folder)
         failure: BaseException | None = None
-        with folder.discarded_on_failure():
-            recorder = Recorder(scene, options, folder, start, earlier)
+        with (
+            folder.discarded_on_failure(),
+            contextlib.closing(Recorder(scene, options, folder, start, earlier)) as recorder,
+        ):
             try:
                 recorder.record(progress or NoProgress(), is_stopping)
             except (DivergedError, KeyboardInterrupt) as error:

@@ -32,6 +32,9 @@ from sandbox.simulation import Simulation
 if TYPE_CHECKING:
     from sandbox.headless import RunOptions
 
+_ROUNDING = 1e-6
+"""Part of the time between two pictures that counts as none [1]."""
+
 
 class Recorder:
     """The parts of one run: simulation, renderer, writers, and what is remembered for the summary.
@@ -53,6 +56,8 @@ class Recorder:
     ) -> None:
         self.scene, self.options, self.folder, self.start = scene, options, folder, start
         self.toml = to_toml(scene)
+        self.frame = 1.0 / scene.render.fps
+        """Time between two pictures [s]."""
         self.timings, self.pace = Timings(), unfinished.Pace()
         self.simulation = Simulation(
             scene,
@@ -95,7 +100,7 @@ class Recorder:
         self.writer: PictureWriter = open_writer(folder.partial, video, scene.render.fps, memory)
         rows = 0 if earlier is None else int(earlier.note["metrics"])
         self.metrics = MetricsWriter(folder.partial / "metrics.csv", simulation.assembly, rows)
-        self.count = max(1, math.ceil((scene.duration - self.gathered.begin) / (1.0 / scene.render.fps) - 1e-6))
+        self.count = max(1, math.ceil((scene.duration - self.gathered.begin) / self.frame - _ROUNDING))
         """Number of the last picture."""
         self.frames = FrameRecorder.open(
             *(simulation, folder, options.name, options.arch, options.trajectory, options.exports),
@@ -118,7 +123,7 @@ class Recorder:
         shape = (self.simulation.particle_count, self.scene.dimension)
         if saved.positions.shape != shape:
             raise SceneError(f"{path}: holds {saved.positions.shape[0]} particles, the scene has {shape[0]}")
-        if saved.time >= self.scene.duration:
+        if saved.time >= self.scene.duration - _ROUNDING * self.frame:
             raise SceneError(
                 f"{path}: is at {saved.time:g} s already, the run ends at {self.scene.duration:g} s; raise --seconds"
             )
@@ -136,13 +141,11 @@ class Recorder:
 
     def record(self, progress: ProgressReport, is_stopping: Callable[[], bool]) -> None:
         """Every picture that is left until the scene's duration. Raises KeyboardInterrupt where that is wanted."""
-        simulation, duration, gathered = self.simulation, self.scene.duration, self.gathered
-        frame, count = 1.0 / self.scene.render.fps, self.count
+        simulation, gathered, count = self.simulation, self.gathered, self.count
         for number in range(gathered.number + 1, count + 1):
-            due = min(gathered.begin + number * frame, duration)
             self.is_whole = False
             with self.timings.measure("simulate"):
-                self._advance_to(due)
+                self._advance_to(self._due(number))
                 measured = simulation.measure()
             if not self.timings.first_step:
                 self.timings.first_step = clock.perf_counter() - self.start
@@ -157,6 +160,18 @@ class Recorder:
             progress.update(simulation.time, self.real_time_factor())
             if is_stopping() and number < count:
                 raise KeyboardInterrupt
+
+    def _due(self, number: int) -> float:
+        """When picture ``number`` is [s].
+
+        A run that goes on from a picture of another one has its pictures, and so its steps, where that one would have
+        had them, to the bit.
+        """
+        begin, frame, duration = self.gathered.begin, self.frame, self.scene.duration
+        before = round(begin / frame)
+        is_picture = abs(before * frame - begin) <= _ROUNDING * frame
+        due = (before + number) * frame if is_picture else begin + number * frame
+        return due if due <= duration + _ROUNDING * frame else duration
 
     def _keep(self) -> None:
         """Write down how far the run is, and all that it needs to go on from here."""
@@ -186,7 +201,7 @@ class Recorder:
         """On to a time [s]; in a recording that runs again by its ticks, to the last one that ends by then."""
         tick = self.options.tick
         if tick is None:
-            self.simulation.advance(time - self.simulation.time)
+            self.simulation.advance_to(time)
             return
         for number in range(round(self.simulation.time / tick) + 1, math.floor(time / tick + 1e-6) + 1):
             self.simulation.advance_to(number * tick)
@@ -265,3 +280,8 @@ class Recorder:
         self.simulation.save(self.folder.partial / CHECKPOINT)
         self.writer.settle()
         (self.folder.partial / KEPT_FRAMES).unlink(missing_ok=True)
+
+    def close(self) -> None:
+        """Give back what the run holds in Taichi."""
+        self.renderer.close()
+        self.simulation.close()

@@ -93,6 +93,8 @@ class Playback:
         self.state = ParticleState(builder, self.assembly, predicts_velocity=False)
         self._tears = Tears(builder, self.assembly.spring_count) if "torn" in trajectory.stored else None
         builder.finalize()
+        runtime.register(self)
+        self._is_closed = False
         self.laws: list[Any] = []
         """None: strains are stored."""
         self.time = 0.0
@@ -104,12 +106,18 @@ class Playback:
         return None if self._tears is None else self._tears.torn
 
     def hold(self, frame: Frame) -> None:
-        """Fill the fields with a frame."""
+        """Fill the fields with a frame. Raises RuntimeError where Taichi was started anew, which took them away."""
+        if self._is_closed:
+            raise RuntimeError("the playback is closed")
         order = self.assembly.internal_order
         self.state.write(order(frame.positions), order(frame.velocities))
         if self._tears is not None and frame.torn is not None:
             self._tears.remember({"springs.torn": frame.torn.astype(np.float64)})
         self.time = frame.time
+
+    def suspend(self) -> None:
+        """Let go before Taichi is started anew."""
+        self._is_closed = True
 
 
 def assembled(trajectory: Trajectory, scene: Scene) -> Assembly:

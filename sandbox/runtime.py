@@ -3,6 +3,10 @@
 Starting Taichi anew kills every field, so whoever owns fields registers here and is told to save
 itself first (:func:`register`). Types for fields come from here too, so that one precision truly
 reaches every field and kernel.
+
+Taichi keeps all code that it ever compiled, some megabytes for every simulation, and knows code again on
+disk by the numbers of the fields that it works on, which are never given twice. So it is started anew
+as well once nobody holds anything in it: no sweep grows, and its later runs find their code compiled.
 """
 
 import contextlib
@@ -17,6 +21,8 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import taichi as ti
+from taichi.lang._ndarray import Ndarray
+from taichi.lang.field import Field
 
 from sandbox import kernel_cache
 from sandbox.compiling import quicken
@@ -50,17 +56,19 @@ _MOST_TREES = 480
 _current: Settings | None = None
 _trees = 0
 _owners: "weakref.WeakSet[Any]" = weakref.WeakSet()
+_owned: "weakref.WeakSet[Any]" = weakref.WeakSet()
+"""Fields that an owner answers for, and all of the times before Taichi was last started: kernels hold on to some."""
 
 
 def start(arch: str = "cpu", precision: str = "f32", threads: int | None = None, verbose: bool = False) -> None:
-    """Start Taichi, unless it runs with just these settings already.
+    """Start Taichi, unless it runs with just these settings already and somebody uses it.
 
     ``precision`` is "f32" or "f64"; ``threads`` None means all cores. Raises RuntimeUnavailableError
     where the architecture or the precision is not there.
     """
     global _current
     wanted = Settings(arch, precision, threads, verbose)
-    if wanted == _current:
+    if wanted == _current and not _is_idle():
         return
     _check(wanted)
     quicken()
@@ -88,6 +96,7 @@ def _stop() -> None:
     _owners.clear()
     # An array of Taichi's that is collected after Taichi has started anew takes the memory of a new one with it.
     gc.collect()
+    _owned.update(_alive())
     _current, _trees = None, 0
 
 
@@ -100,8 +109,36 @@ def settings() -> Settings:
 
 
 def register(owner: Suspendable) -> None:
-    """Have ``owner.suspend()`` called before Taichi is started anew."""
+    """Have ``owner.suspend()`` called before Taichi is started anew, which it is not of itself before then."""
     _owners.add(owner)
+
+
+def unregister(owner: Suspendable) -> None:
+    """``owner`` holds nothing in Taichi any more."""
+    _owners.discard(owner)
+
+
+def own(field: Field) -> None:
+    """``field`` goes where its owner goes: it does not keep Taichi from being started anew."""
+    # Taichi makes two more for derivatives.
+    _owned.update(each for each in (field, field.grad, field.dual) if each is not None)
+
+
+def _is_idle() -> bool:
+    """Whether there were fields, and nobody needs any now: neither this package nor who else uses Taichi here."""
+    if not _trees:
+        return False
+    gc.collect()  # what nobody has closed may lie in a circle
+    if _owners:
+        return False
+    return not any(each not in _owned for each in _alive())
+
+
+def _alive() -> list[Any]:
+    """All fields and arrays of Taichi's that there are."""
+    objects = gc.get_objects()
+    kinds = {kind for kind in set(map(type, objects)) if issubclass(kind, Field | Ndarray)}
+    return [each for each in objects if type(each) in kinds]
 
 
 def fields_builder() -> ti.FieldsBuilder:

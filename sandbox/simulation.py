@@ -251,7 +251,7 @@ class Simulation(Observed):
         """Largest stable step of the scene's integrator in the shape that the bodies have now [s]."""
         memory = self._asleep_memory if self._pipeline is None else self._pipeline.memory()
         network = network_of(self.assembly, memory)
-        return limits.stable_step(self.scheme, network, self._read()[0], self.scene.horizon)
+        return limits.stable_step(self.scheme, network, self._read()[0], self.scene.solver.horizon)
 
     def _out_of_bounds(self, measurement: Measurement) -> bool:
         bounds = self.scene.diagnostics
@@ -378,6 +378,7 @@ class Simulation(Observed):
             self._asleep = self._pipeline.state.read()
             self._asleep_memory = self.memory
             self._pipeline = None
+            runtime.unregister(self)
 
     def close(self) -> None:
         """Give the fields back. Using the simulation again builds them anew."""

@@ -40,6 +40,7 @@ def place(builder: ti.FieldsBuilder, field: ti.Field, *shape: int) -> ti.Field:
             padded.dense(ti.i, 1).place(ti.field(ti.i32))
     else:
         builder.dense(axes, sizes).place(field)
+    runtime.own(field)
     return field
 
 

@@ -78,6 +78,7 @@ class SoftwareRenderer:
     def close(self) -> None:
         """Free all buffers; calling it again does nothing."""
         self._painter = None
+        runtime.unregister(self)
 
     def suspend(self) -> None:
         """Let go before Taichi is started anew, which would take the buffers away; the renderer is then closed."""

@@ -5,7 +5,6 @@ import time as clock
 from dataclasses import dataclass
 from enum import StrEnum
 
-from sandbox import runtime
 from sandbox.errors import DivergedError, SandboxError
 from sandbox.simulation import Simulation
 from sandbox.trade.outlook import Event, meetings
@@ -86,8 +85,6 @@ class _Held:
         """Let go of it."""
         if self.simulation is not None:
             self.simulation.close()
-            # Taichi's disk cache knows kernels by the numbers of their fields, which are those of other runs again now.
-            runtime.stop()
         self.simulation, self.group = None, ""
 
 
