@@ -2,9 +2,10 @@
 
 Splitting schemes have a sharp limit. Explicit Runge-Kutta schemes multiply a vibration by R(h lambda) in every
 step: they are stable up to where |R| leaves 1. Some of them multiply a vibration that is not damped by a little more
-than 1 whatever the step: with them it counts as stable as long as it does not grow by more than GROWTH in the time of
-the run. Implicit schemes have no limit; for them :func:`accurate_step` tells which step keeps the slowest deformation
-as true as was asked for.
+than 1 whatever the step: with them it counts as stable as long as it does not grow by more than GROWTH within a
+horizon. That is not the time of the run, so that one that is stopped and gone on with takes the same steps. Implicit
+schemes have no limit; for them :func:`accurate_step` tells which step keeps the slowest deformation as true as was
+asked for.
 """
 
 import math
@@ -18,7 +19,7 @@ from sandbox.integrators.schemes import ImplicitScheme, RungeKuttaScheme, Scheme
 from sandbox.stability import FloatArray, SpringNetwork
 
 GROWTH = 10.0
-"""By how much the amplitude of a vibration may grow in a run before the step counts as unstable [1]."""
+"""By how much the amplitude of a vibration may grow within the horizon before the step counts as unstable [1]."""
 _SWING = 1000.0
 _BEYOND = 1.01
 """Step at which a damped mode is expected to be seen growing, in its limits [1]."""
@@ -46,23 +47,23 @@ class Limit:
     frequency: float
     """Its angular frequency, without damping [rad/s]."""
     growth: float
-    """What it may grow by in a run and count as stable [1].
+    """What it may grow by within the horizon and count as stable [1].
 
     Splitting schemes swing far just below their limit. What a damped mode grows by just above it may be little.
     """
 
 
-def stable_step(scheme: Scheme, network: SpringNetwork, positions: FloatArray, duration: float) -> float:
-    """Largest stable step [s] in the shape given, shape (N, d), for a run of ``duration`` [s].
+def stable_step(scheme: Scheme, network: SpringNetwork, positions: FloatArray, horizon: float) -> float:
+    """Largest stable step [s] in the shape given, shape (N, d), over ``horizon`` [s].
 
     Infinity where nothing oscillates, and for schemes without a limit.
     """
     if isinstance(scheme, SplittingScheme):
         return stability.stable_step(network, positions, scheme.damping_weight)
-    return limit(scheme, network, positions, duration).step
+    return limit(scheme, network, positions, horizon).step
 
 
-def limit(scheme: Scheme, network: SpringNetwork, positions: FloatArray, duration: float) -> Limit:
+def limit(scheme: Scheme, network: SpringNetwork, positions: FloatArray, horizon: float) -> Limit:
     """The same with the mode that goes first."""
     if isinstance(scheme, SplittingScheme):
         step, mode = stability.stable_mode(network, positions, scheme.damping_weight)
@@ -70,20 +71,20 @@ def limit(scheme: Scheme, network: SpringNetwork, positions: FloatArray, duratio
     if not isinstance(scheme, RungeKuttaScheme) or not stability.has_modes(network):
         return Limit(np.inf, np.zeros_like(positions), 0.0, GROWTH)
     if not network.damping.any():
-        return _undamped_limit(scheme, network, positions, duration)
-    return _damped_limit(scheme, network, positions, duration)
+        return _undamped_limit(scheme, network, positions, horizon)
+    return _damped_limit(scheme, network, positions, horizon)
 
 
-def _undamped_limit(scheme: RungeKuttaScheme, network: SpringNetwork, positions: FloatArray, duration: float) -> Limit:
+def _undamped_limit(scheme: RungeKuttaScheme, network: SpringNetwork, positions: FloatArray, horizon: float) -> Limit:
     """Where nothing is damped the fastest vibration goes first, whatever the scheme."""
     step, mode = stability.stable_mode(network, positions, 0.0)
     if not np.isfinite(step):
         return Limit(np.inf, mode, 0.0, GROWTH)
     rate = 2j / step  # a splitting scheme is stable up to 2 over the frequency
-    return Limit(float(mode_steps(scheme, np.array([rate]), duration)[0]), mode, abs(rate), GROWTH)
+    return Limit(float(mode_steps(scheme, np.array([rate]), horizon)[0]), mode, abs(rate), GROWTH)
 
 
-def _damped_limit(scheme: RungeKuttaScheme, network: SpringNetwork, positions: FloatArray, duration: float) -> Limit:
+def _damped_limit(scheme: RungeKuttaScheme, network: SpringNetwork, positions: FloatArray, horizon: float) -> Limit:
     """Of all modes the one that allows the shortest step.
 
     Which one that is depends on stiffness and damping both, in a way of the scheme's own. It is approached by
@@ -94,13 +95,13 @@ def _damped_limit(scheme: RungeKuttaScheme, network: SpringNetwork, positions: F
     for _ in range(_SAMPLES):
         modes = stability.sampled_modes(network, positions, stiff, damp)
         # What is no mode yet may seem less damped than any is.
-        steps = np.where(modes.residuals < _MODE, mode_steps(scheme, modes.rates, duration), np.inf)
+        steps = np.where(modes.residuals < _MODE, mode_steps(scheme, modes.rates, horizon), np.inf)
         first = int(np.argmin(steps))
         if not steps[first] < best.step:
             break
         step, rate = float(steps[first]), complex(modes.rates[first])
         settled = step > _SETTLED * best.step
-        best = Limit(step, modes.shapes[first], abs(rate), _growth_beyond(scheme, rate, step, duration))
+        best = Limit(step, modes.shapes[first], abs(rate), _growth_beyond(scheme, rate, step, horizon))
         stiff, damp = _growth_slopes(scheme, abs(rate) ** 2, -2.0 * rate.real, step)
         if settled:
             break
@@ -123,29 +124,34 @@ def _growth_slopes(scheme: RungeKuttaScheme, kappa: float, gamma: float, step: f
     return step**2 * by_stiffness, step * by_damping
 
 
-def _growth_beyond(scheme: RungeKuttaScheme, rate: complex, step: float, duration: float) -> float:
-    """What a mode grows by in ``duration`` [s] in steps a little longer than the limit of ``step`` [s] [1]."""
+def _growth_beyond(scheme: RungeKuttaScheme, rate: complex, step: float, horizon: float) -> float:
+    """What a mode grows by in ``horizon`` [s] in steps a little longer than the limit of ``step`` [s] [1]."""
     longer = _BEYOND * step
     factor = max(abs(complex(np.polyval(scheme.growth[::-1], longer * rate))), 1e-300)
-    return math.exp(min(max(duration / longer * math.log(factor), math.log(_SEEN)), math.log(GROWTH)))
+    return math.exp(min(max(horizon / longer * math.log(factor), math.log(_SEEN)), math.log(GROWTH)))
 
 
-def mode_steps(scheme: RungeKuttaScheme, rates: NDArray[np.complex128], duration: float) -> FloatArray:
+def mode_steps(scheme: RungeKuttaScheme, rates: NDArray[np.complex128], horizon: float) -> FloatArray:
     """Largest stable step [s] for every mode x = exp(rate t), rates [1/s] of shape (M,); infinity where it rests.
 
     Up to there no step lets it grow: |R(h rate)| <= 1. Where a scheme lets what is not damped grow in every step, such
-    a mode has another limit in a run of ``duration`` [s]: what lets it grow by no more than GROWTH.
+    a mode has another limit over ``horizon`` [s]: what lets it grow by no more than GROWTH.
     """
     steps = np.full(len(rates), np.inf)
-    always_grows = scheme.reach(1j) == 0.0
+    grows = always_grows(scheme)
     for number, rate in enumerate(rates):
         length = abs(rate)
         if length > 0.0:
             reach = scheme.reach(rate / length)
-            if always_grows and -rate.real < _DAMPED * length:
-                reach = max(reach, _growing_reach(scheme, length * duration))
+            if grows and -rate.real < _DAMPED * length:
+                reach = max(reach, _growing_reach(scheme, length * horizon))
             steps[number] = reach / length
     return steps
+
+
+def always_grows(scheme: Scheme) -> bool:
+    """Whether a vibration without damping grows in every step, however short."""
+    return isinstance(scheme, RungeKuttaScheme) and scheme.reach(1j) == 0.0
 
 
 def _growing_reach(scheme: RungeKuttaScheme, angle: float) -> float:

@@ -23,7 +23,7 @@ class Header(Model):
     title: str = Field("", description="of the scene")
     tick: Positive = Field(description="time went on by this much at once [s]")
     ticks: Index = Field(description="how often")
-    duration: Positive | None = Field(None, description="of the scene, for which steps were chosen [s]")
+    duration: Positive | None = Field(None, description="of the scene [s]")
     precision: Precision = Field(description="that it was simulated in")
     scene_sha256: str = Field("", description="fingerprint of the scene before anything was done to it")
     state_sha256: str = Field("", description="hash of the state at the end")
@@ -89,8 +89,6 @@ def with_actions(scene: Scene, file: ActionFile, source: str) -> Scene:
         if file.interaction is not None:
             live = scene.model_copy(update={"interaction": file.interaction})
             changes["interaction"] = room_left(live, scene.actions + file.actions)
-        horizon = scene.solver.horizon or file.recording.duration or scene.duration
-        changes["solver"] = scene.solver.model_copy(update={"horizon": horizon})
         if file.recording.ticks > 0:
             changes["duration"] = file.recording.tick * file.recording.ticks
     together = scene.model_copy(update=changes)

@@ -84,7 +84,7 @@ class StepSize:
 
     def __init__(self, scheme: Scheme, assembly: Assembly, network: SpringNetwork) -> None:
         self.scheme, self.assembly, self.network = scheme, assembly, network
-        self.solver = assembly.scene.solver
+        self.solver, self.duration = assembly.scene.solver, assembly.scene.duration
         self.load = worst_load(assembly)
         """The body that another one bears worst."""
         self.safety = min(self.solver.safety, elastic_share(assembly))
@@ -116,13 +116,32 @@ class StepSize:
         """What will go wrong with the step; a fixed one has its limit looked for, which takes a while."""
         yield from contact_remarks(self.assembly, self.load, self.chosen)
         yield from bounce_remarks(self.scheme, self.assembly, self.network, self.chosen)
-        wanted = self.solver.dt
-        if wanted != "auto" and wanted > self.limit:
+        if self.solver.dt != "auto":
+            if self.chosen > (limit := self._run_limit):
+                yield Remark(
+                    WarningKind.STEP_ABOVE_LIMIT,
+                    f"solver.dt = {self.chosen:.4g} s is above the stability limit {limit:.4g} s of "
+                    f"{self.solver.integrator} in this scene; expect it to diverge",
+                )
+        elif self._outlasts_horizon and self.chosen > self._run_limit:
             yield Remark(
                 WarningKind.STEP_ABOVE_LIMIT,
-                f"solver.dt = {wanted:.4g} s is above the stability limit {self.limit:.4g} s of "
-                f"{self.solver.integrator} in this scene; expect it to diverge",
+                f'solver.dt = "auto" of {self.solver.integrator} is for solver.horizon = {self.solver.horizon:g} s: '
+                f"in the {self.duration:g} s of this run vibrations without damping may grow more than tenfold; "
+                "raise solver.horizon",
             )
+
+    @property
+    def _outlasts_horizon(self) -> bool:
+        """Whether the run is longer than a scheme that lets all vibrations grow keeps them small."""
+        return limits.always_grows(self.scheme) and self.duration > self.solver.horizon
+
+    @functools.cached_property
+    def _run_limit(self) -> float:
+        """Longest step in which vibrations stay small to the run's end, whatever the horizon [s]."""
+        if not limits.always_grows(self.scheme):
+            return self.limit
+        return limits.stable_step(self.scheme, self.network, self.assembly.positions, self.duration)
 
     def refreshed(
         self,
@@ -174,7 +193,7 @@ class StepSize:
         self.chosen, self.seen = values[0], (values[1], values[2])
 
     def _limit(self, network: SpringNetwork, positions: FloatArray) -> float:
-        return limits.stable_step(self.scheme, network, positions, self.assembly.scene.horizon)
+        return limits.stable_step(self.scheme, network, positions, self.solver.horizon)
 
     def _choose(self, network: SpringNetwork) -> float:
         wanted = self.solver.dt

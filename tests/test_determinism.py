@@ -1,9 +1,12 @@
 """The same trajectory, bit for bit: over thread counts, over save and load, over restarts and orders."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from sandbox import Simulation, load_scene
+from sandbox.headless import RunOptions, run
 from sandbox.scene.load import scene_from_data
 from tests.conftest import make_scene
 
@@ -66,6 +69,21 @@ def test_save_and_load_continue_bit_for_bit(simulate, tmp_path, integrator, prec
     assert np.array_equal(loaded.velocities(), simulation.velocities())
     assert loaded.time == simulation.time
     assert loaded.scene == scene
+
+
+@pytest.mark.parametrize("integrator", ["symplectic_euler", "heun", "rk4", "implicit_midpoint"])
+def test_a_run_that_ended_early_goes_on_to_the_same_bits(tmp_path, integrator):
+    """Its steps do not hang on how long it was to be, and its pictures are where they would have been."""
+    options = RunOptions("block", renderer="none", video="none")
+
+    def ran(pictures, name, resume=None):
+        scene = block(integrator=integrator, precision="f64").model_copy(update={"duration": pictures / 30.0})
+        return run(scene, replace(options, out=tmp_path / name, resume=resume)).state_sha256
+
+    whole = ran(12, "whole")
+    for pictures in (3, 7):
+        ran(pictures, "part")
+        assert ran(12, "rest", tmp_path / "part" / "checkpoint.npz") == whole
 
 
 @pytest.mark.parametrize("integrator", ["symplectic_euler", "velocity_verlet"])

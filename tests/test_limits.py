@@ -10,6 +10,7 @@ from sandbox.integrators.schemes import SCHEMES
 from sandbox.pipeline import network_of
 from sandbox.scene.assemble import assemble
 from sandbox.scene.model import IntegratorName
+from sandbox.step_size import StepSize
 from tests.conftest import make_scene, oscillator
 
 OMEGA = math.sqrt(1000.0)
@@ -52,6 +53,17 @@ def test_growth_limits_are_the_formulas():
 def test_a_limit_that_there_is_depends_on_no_duration(name, zeta, turn, duration):
     rate = OMEGA * complex(-zeta, math.sqrt(1.0 - zeta**2))
     assert growth_step(name, rate, duration) == pytest.approx(turn / OMEGA, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", SCHEMES)
+def test_the_step_is_the_same_however_long_the_run_is(name):
+    """A run that is stopped and gone on with takes the steps of one that went through."""
+    steps = set()
+    for duration in (0.01, 2.5, 1e4):
+        scene = oscillator(str(name), "auto").model_copy(update={"duration": duration})
+        assembly = assemble(scene)
+        steps.add(StepSize(SCHEMES[name], assembly, network_of(assembly)).chosen)
+    assert len(steps) == 1
 
 
 @pytest.mark.parametrize("rounding", [0.0, 1e-16, 1e-13, 1e-9, 1e-6])

@@ -11,8 +11,11 @@ import pytest
 import trimesh
 
 from sandbox import SceneError, SceneWarning, StabilityWarning, to_toml
+from sandbox.integrators.schemes import SCHEMES
+from sandbox.pipeline import network_of
 from sandbox.scene.assemble import assemble
 from sandbox.start import start_remarks
+from sandbox.step_size import StepSize
 from sandbox.warning_log import WarningKind, WarningLog
 from tests.conftest import make_scene, oscillator
 
@@ -73,6 +76,30 @@ def test_a_step_above_the_limit_is_known_from_the_start_and_stays_known(simulate
     assert kinds(simulation) == {WarningKind.STEP_ABOVE_LIMIT}
     assert simulate(oscillator("symplectic_euler", 0.06)).warnings == []
     assert simulate(oscillator("symplectic_euler", 0.1), warns=False).warnings == []
+
+
+def steps_of(scene):
+    assembly = assemble(scene)
+    return StepSize(SCHEMES[scene.solver.integrator], assembly, network_of(assembly))
+
+
+def test_a_run_longer_than_its_horizon_is_told_where_vibrations_would_grow():
+    """Heun's scheme lets what is not damped grow in any step, and "auto" keeps that small for solver.horizon."""
+
+    def told(duration, integrator="heun", dt="auto", damping=0.0, **solver):
+        scene = oscillator(integrator, dt, damping)
+        changes = {"duration": duration, "solver": scene.solver.model_copy(update=solver)}
+        remarks = steps_of(scene.model_copy(update=changes)).remarks()
+        return [remark.line for remark in remarks if remark.kind is WarningKind.STEP_ABOVE_LIMIT]
+
+    (line,) = told(1000.0)
+    assert "solver.horizon = 10 s: in the 1000 s of this run vibrations without damping may grow" in line
+    # A shorter step than the limit lets them grow by less than tenfold for some time more.
+    assert told(10.5) == told(1000.0, horizon=1000.0) == told(1000.0, damping=0.1) == []
+    assert told(1000.0, "rk4") == told(1000.0, "implicit_euler") == []
+    # A step of one's own need hold for the run alone.
+    dt = 1.2 * steps_of(oscillator("heun", "auto")).limit
+    assert told(2.0, dt=dt) == [] and "above the stability limit" in told(10.0, dt=dt)[0]
 
 
 def test_rescues_are_told(simulate):

@@ -6,15 +6,11 @@ from sandbox import Simulation, checkpoint
 from sandbox.actions.grips import Grips
 from sandbox.errors import DivergedError
 from sandbox.headless import RunOptions, run
-from sandbox.integrators.schemes import SCHEMES
-from sandbox.pipeline import network_of
 from sandbox.recording import ActionFile, Header, read, with_actions
 from sandbox.scene.action_plan import ActionPlan
-from sandbox.scene.assemble import assemble
 from sandbox.scene.load import scene_from_data
 from sandbox.scene.model import Interaction
 from sandbox.session import Session
-from sandbox.step_size import StepSize
 from tests.conftest import make_scene
 
 _FPS = 47.0
@@ -89,24 +85,6 @@ def test_a_recording_is_compiled_for_as_many_hands_as_the_live_run(given):
         file = ActionFile(recording=header, interaction=room, actions=done)
         live = ActionPlan.of(scene.model_copy(update={"interaction": room}))
         assert ActionPlan.of(with_actions(scene, file, "acts.toml")) == live
-
-
-def test_a_recording_takes_the_steps_that_the_scene_takes():
-    """Heun's scheme lets vibrations grow tenfold in the time of a run: in a shorter one steps would be longer."""
-    stiff = {"name": "box", "shape": {"kind": "box", "size": [1.0, 1.0], "cells": [4, 4]}, "position": [0.0, 0.6]}
-    bodies = [stiff | {"material": {"youngs_modulus": 1e6, "mass": 1.0}}]
-    scene = _scene(solver={"integrator": "heun"}, bodies=bodies, duration=2.5)
-    header = Header(tick=0.005, ticks=20, precision="f32", duration=scene.duration)
-    acted = with_actions(scene, ActionFile(recording=header), "acts.toml")
-    shorter = with_actions(scene.model_copy(update={"duration": 0.1}), ActionFile(recording=header), "acts.toml")
-    assert acted.duration == shorter.duration == 20 * 0.005
-    steps = []
-    for each in (scene, acted, shorter):
-        assembly = assemble(each)
-        steps.append(StepSize(SCHEMES["heun"], assembly, network_of(assembly)).chosen)
-    assert steps[0] == steps[1] == steps[2]
-    without = assemble(scene.model_copy(update={"duration": 0.1}))
-    assert StepSize(SCHEMES["heun"], without, network_of(without)).chosen > 1.01 * steps[0]
 
 
 def test_a_hand_goes_on_from_what_it_took(tmp_path):

@@ -49,8 +49,3 @@ class Scene(Model):
     contact: Contact = Contact()
     actions: tuple[Action, ...] = Field((), description="what is done to the bodies, and when")
     interaction: Interaction | None = Field(None, description="room for what is done live; none by default")
-
-    @property
-    def horizon(self) -> float:
-        """Time in which a vibration may grow tenfold at a step that counts as stable [s]."""
-        return self.solver.horizon or self.duration

@@ -65,10 +65,10 @@ class Solver(Model):
     adapt: Literal["rescue"] | None = Field(
         None, description='"rescue": a run that goes wrong returns to the last good picture and halves dt'
     )
-    horizon: Positive | None = Field(
-        None,
-        description='time in which dt = "auto" of a scheme without a sharp limit lets vibrations grow tenfold [s]; '
-        "default: the scene's duration",
+    horizon: Positive = Field(
+        10.0,
+        description="time in which explicit_euler, midpoint and heun, whose undamped vibrations grow, may let one "
+        'grow tenfold with dt = "auto" [s]',
     )
     most_halvings: Annotated[int, Field(ge=1, le=40)] = Field(
         8, description="how often a rescue may halve dt before the run stops after all"
