@@ -286,19 +286,17 @@ def validate(
 
 
 def _remarks(assembly: Any) -> list[Any]:
-    """What one can be warned of without simulating a scene."""
+    """What a run would warn of before its first step. Raises SceneError where it would not begin."""
+    from sandbox.integrators.schemes import SCHEMES
+    from sandbox.pipeline import network_of
     from sandbox.recording import late_actions
-    from sandbox.start import start_remarks
+    from sandbox.start import check_start, start_remarks
+    from sandbox.step_size import StepSize
 
-    remarks = [*start_remarks(assembly), *late_actions(assembly.scene)]
-    if assembly.scene.solver.dt != "auto":
-        from sandbox.integrators.schemes import SCHEMES
-        from sandbox.pipeline import network_of
-        from sandbox.step_size import StepSize
-
-        scheme = SCHEMES[assembly.scene.solver.integrator]
-        remarks.extend(StepSize(scheme, assembly, network_of(assembly.unheld())).remarks())
-    return remarks
+    solver = assembly.scene.solver
+    check_start(assembly, str(solver.precision))
+    steps = StepSize(SCHEMES[solver.integrator], assembly, network_of(assembly.unheld()))
+    return [*steps.remarks(), *start_remarks(assembly), *late_actions(assembly.scene)]
 
 
 @app.command()

@@ -16,6 +16,10 @@ _NAMED = 3
 """Most bodies, or pairs of them, that one line names."""
 _GRAZING = 0.1
 """Part of a body's spacing that a particle's center may start inside a collider [1]."""
+_JUMPING = 0.75
+"""Part of a body's spacing that a particle may start inside a collider by its contact radius [1]; half is usual."""
+_THICKEST = 2.0
+"""Most of a body's spacing that its contact radius may be [1]; half of it leaves no gap."""
 _COARSEST = 0.01
 """Most of the shortest spring that rounding may take from a coordinate [1]."""
 
@@ -63,12 +67,35 @@ def start_remarks(assembly: Assembly) -> Iterator[Remark]:
             told = [f"{names[o.first]!r} and {names[o.second]!r} by {o.depth:.2g} m" for o in overlaps]
             line = f"bodies overlap at the start: {few(told, 'pairs')}{end}"
             yield Remark(WarningKind.STARTS_OVERLAPPING, line, "" if touching else "no radius")
-    if assembly.colliders:
-        least = _GRAZING * spacing_of(assembly) + 1e-5 * float(np.abs(assembly.positions).max())
-        sunk = Solids(assembly).sunk(assembly.positions, assembly.inverse_masses, 0.0, least, radii=0.0)
-        told = [f"{names[one.body]!r} {one.depth:.2g} m deep in {one.collider}" for one in sunk]
-        if told:
-            yield Remark(WarningKind.STARTS_INSIDE, f"bodies start inside colliders: {few(told, 'bodies')}")
+    if told := list(_thick(assembly)):
+        line = f"contact radii are far above the distance of particles: {few(told, 'bodies')}; that far off they meet"
+        yield Remark(WarningKind.RADIUS, line)
+    if told := list(_sunk(assembly)):
+        yield Remark(WarningKind.STARTS_INSIDE, f"bodies start inside colliders: {few(told, 'bodies')}")
+
+
+def _sunk(assembly: Assembly) -> Iterator[str]:
+    """Bodies that start inside colliders; and those that begin with a jump, by as much of their contact radius."""
+    if not assembly.colliders:
+        return
+    solids, spacing, names = Solids(assembly), spacing_of(assembly), [body.name for body in assembly.scene.bodies]
+    start = (assembly.positions, assembly.inverse_masses, 0.0)
+    found = list(solids.sunk(*start, _GRAZING * spacing + 1e-5 * float(np.abs(assembly.positions).max()), radii=0.0))
+    yield from (f"{names[one.body]!r} {one.depth:.2g} m deep in {one.collider}" for one in found)
+    known = {(one.body, one.collider) for one in found}
+    for one in solids.sunk(*start, np.where(spacing > 0.0, _JUMPING * spacing, np.inf), radii=1.0):
+        if (one.body, one.collider) not in known:
+            yield f"{names[one.body]!r} {one.depth:.2g} m deep, by its contact radius, in {one.collider}"
+
+
+def _thick(assembly: Assembly) -> Iterator[str]:
+    """Bodies with contact radii far above the distance of their particles."""
+    radius = np.zeros(len(assembly.scene.bodies))
+    np.maximum.at(radius, assembly.particle_body, assembly.radii)
+    for body, spacing in enumerate(spacing_of(assembly)):
+        if 0.0 < _THICKEST * spacing < radius[body]:
+            name = assembly.scene.bodies[body].name
+            yield f"{name!r} {radius[body]:.2g} m, {radius[body] / spacing:.2g} times"
 
 
 def _idle(assembly: Assembly) -> Iterator[str]:

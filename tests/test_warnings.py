@@ -299,6 +299,24 @@ def test_a_body_that_starts_inside_a_collider_is_named_with_its_depth(collider, 
         assert WarningKind.STARTS_INSIDE not in {remark.kind for remark in remarks}
 
 
+@pytest.mark.parametrize(
+    ("radius", "inside", "thick"),
+    [("auto", False, False), (0.11, True, False), (0.24, True, True), (5.0, True, True)],
+)
+def test_a_radius_far_above_the_spacing_is_named(radius, inside, thick):
+    """The box, its particles 0.1 m apart, lies on the floor: its lowest ones jump up by as much as the radius."""
+    body = box(at=(0.0, 0.1), radius=radius)
+    remarks = list(start_remarks(assemble(scene_of(body, colliders=[UP]))))
+    told = {remark.kind: remark.line for remark in remarks}
+    assert (WarningKind.STARTS_INSIDE in told, WarningKind.RADIUS in told, len(told)) == (inside, thick, inside + thick)
+    if inside:
+        assert f"'box' {radius:g} m deep, by its contact radius, in collider 'floor'" in told[WarningKind.STARTS_INSIDE]
+    if thick:
+        assert f"'box' {radius:g} m, {radius / 0.1:g} times" in told[WarningKind.RADIUS]
+    high = assemble(scene_of(box(at=(0.0, 10.0), radius=radius), colliders=[UP]))
+    assert WarningKind.STARTS_INSIDE not in {remark.kind for remark in start_remarks(high)}
+
+
 def test_the_depth_in_a_mesh_collider_is_that_in_the_box_of_its_shape(tmp_path):
     trimesh.creation.box((1.0, 2.0, 0.5)).export(tmp_path / "box.stl")
     body = box("probe", at=(0.1, 0.3, 0.0), size=(0.1, 0.1, 0.1), cells=(1, 1, 1))
@@ -404,7 +422,35 @@ def test_validate_prints_what_is_known_without_simulating(run_cli, tmp_path):
     code, printed, errors = run_cli("validate", scene)
     lines = errors.strip().splitlines()
     assert code == 0 and ": ok, 12 particles" in printed and len(lines) == 3
-    assert lines[0] == "warning: bodies start inside colliders: 'box' 0.08 m deep in collider 'floor'"
-    assert "begins at 3 s, when the run is over (1 s)" in lines[1] and "above the stability limit" in lines[2]
+    assert "above the stability limit" in lines[0] and "begins at 3 s, when the run is over (1 s)" in lines[2]
+    assert lines[1] == "warning: bodies start inside colliders: 'box' 0.08 m deep in collider 'floor'"
     scene.write_text(to_toml(scene_of(box(at=(0.0, 0.12)), colliders=[UP])))
     assert run_cli("validate", scene)[2] == ""
+
+
+SPRING = {"kind": "custom", "points": [[0.0, 0.0], [1.0, 0.0]], "springs": [[0, 1]]}
+HEAVY = box("heavy", at=(0.0, 1.0), radius=0.05, material={"mass": 1e6})
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        scene_of(box(radius=3.0), colliders=[UP]),
+        scene_of(box(material={"damping_ratio": 0.0}), solver={"integrator": "heun"}, duration=1e6),
+        scene_of(box(), gravity=[0.0, -9.8], wind={"velocity": [1.0, 0.0], "start": 2.0}),
+        scene_of(box(radius=0.05), HEAVY, gravity=[0.0, -9.8], solver={"dt": 1e-2}),
+        scene_of(box(velocity=[11.0, 0.0]), diagnostics={"max_speed": 10.0}),
+        scene_of({"name": "b", "shape": SPRING | {"rest_lengths": [0.01]}, "material": {"stiffness": 1.0}}),
+        scene_of({"name": "b", "shape": SPRING, "position": [1e9, 0.0], "material": {"stiffness": 1.0}}, solver={}),
+        scene_of({"name": "b", "shape": SPRING | {"masses": [1e-9, 1e-9]}, "material": {"stiffness": 1e15}}, solver={}),
+    ],
+)
+def test_validate_says_what_a_run_says_before_its_first_step(run_cli, tmp_path, simulate, scene):
+    (tmp_path / "scene.toml").write_text(to_toml(scene))
+    code, _, errors = run_cli("validate", tmp_path / "scene.toml")
+    try:
+        lines = [f"warning: {line}" for line in simulate(scene).warnings]
+    except SceneError as error:
+        assert code == 2 and str(error) in errors and errors.count("\n") == 1
+    else:
+        assert code == 0 and errors.splitlines() == lines and lines
