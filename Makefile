@@ -32,6 +32,7 @@ bench: $(VENV)/.installed-dev
 	$(BIN)/python benchmarks/renderers.py
 	$(BIN)/python benchmarks/contact.py
 	$(BIN)/python benchmarks/parts.py
+	$(BIN)/python benchmarks/keeping.py
 	$(BIN)/python benchmarks/ladder.py
 	$(BIN)/python benchmarks/tune.py
 	$(BIN)/python benchmarks/refinement.py

@@ -1,5 +1,6 @@
 """What went wrong: which element first left its bounds, and what step would have been stable."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,4 +86,6 @@ def describe(
     if dt > stable_dt:
         return f"{text}; dt was {dt:.4g} s, stable is {stable_dt:.4g} s: set solver.dt below it, or to auto"
     bounds = "its motion left the bounds: lower solver.dt or raise diagnostics.max_strain or max_speed"
+    if not math.isfinite(stable_dt):
+        return f"{text}; dt was {dt:.4g} s, and no step is too long for the springs with this scheme: {bounds}"
     return f"{text}; dt = {dt:.4g} s is within the stable {stable_dt:.4g} s: {bounds}"

@@ -1,7 +1,7 @@
 """What is done to a live scene: calls of a session, one after the other, while it runs.
 
 An input is a JSON list of messages ``[name, {argument: value}]``, as a front end would send them. The names are those
-of ``ENTRANCES``; the gate that a browser's messages go through belongs there too.
+of ``ENTRANCES``; what a browser sends comes through a gate before, see ``pages``.
 """
 
 import functools
