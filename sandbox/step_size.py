@@ -102,9 +102,11 @@ class StepSize:
         """Raise SceneError where steps of ``dt`` [s] make more a picture than anybody waits for."""
         fps = self.assembly.scene.render.fps
         if dt * fps * MOST_STEPS < 1.0:
+            grows = limits.always_grows(self.scheme)
+            way = "damp it, or take another solver.integrator" if grows else "raise render.fps"
             raise SceneError(
                 f"solver.dt: {dt:.3g} s makes {1.0 / max(dt * fps, 1e-300):.3g} steps a picture, more than "
-                f"{MOST_STEPS:g}: soften or densify the stiffest body, or raise render.fps"
+                f"{MOST_STEPS:g}: soften or densify the stiffest body, or {way}"
             )
 
     @functools.cached_property
