@@ -88,4 +88,4 @@ def describe(
     bounds = "its motion left the bounds: lower solver.dt or raise diagnostics.max_strain or max_speed"
     if not math.isfinite(stable_dt):
         return f"{text}; dt was {dt:.4g} s, and no step is too long for the springs with this scheme: {bounds}"
-    return f"{text}; dt = {dt:.4g} s is within the stable {stable_dt:.4g} s: {bounds}"
+    return f"{text}; dt = {dt:.4g} s is within the {stable_dt:.4g} s that were stable before: {bounds}"

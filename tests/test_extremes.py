@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sandbox import DivergedError, SandboxError
-from tests.conftest import make_scene
+from tests.conftest import make_scene, oscillator
 
 
 def runs_or_says_why(simulate, scene, seconds: float = 0.5):
@@ -144,6 +144,24 @@ def test_under_great_gravity_automatic_steps_are_short_enough_to_bounce(simulate
     for _ in range(10):
         simulation.advance(0.001)
         assert simulation.positions()[:, 1].max() < 1.5
+
+
+@pytest.mark.parametrize(
+    ("integrator", "dt", "reason"),
+    [
+        ("implicit_euler", 0.01, "no step is too long for the springs with this scheme: its motion left the bounds"),
+        ("xpbd", 0.01, "no step is too long for the springs with this scheme: its motion left the bounds"),
+        ("symplectic_euler", 0.01, "within the 0.06325 s that were stable before: its motion left the bounds"),
+        ("symplectic_euler", 0.1, "dt was 0.1 s, stable is 0.06325 s: set solver.dt below it, or to auto"),
+    ],
+)
+def test_a_blow_up_says_truly_what_the_step_has_to_do_with_it(simulate, integrator, dt, reason):
+    scene = oscillator(integrator, dt).model_copy(update={"gravity": (0.0, -100.0)})
+    bounds = scene.diagnostics.model_copy(update={"max_speed": 10.0})
+    scene = scene.model_copy(update={"diagnostics": bounds, "render": scene.render.model_copy(update={"fps": 10.0})})
+    with pytest.raises(DivergedError) as caught:
+        simulate(scene, warns=False).advance(3.0)
+    assert reason in str(caught.value) and "inf" not in str(caught.value)
 
 
 @pytest.mark.parametrize(("name", "value"), [("actions.done", -1.0), ("actions.done", 1e9), ("actions.rows", 7.0)])
