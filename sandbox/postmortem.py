@@ -87,5 +87,5 @@ def describe(
         return f"{text}; dt was {dt:.4g} s, stable is {stable_dt:.4g} s: set solver.dt below it, or to auto"
     bounds = "its motion left the bounds: lower solver.dt or raise diagnostics.max_strain or max_speed"
     if not math.isfinite(stable_dt):
-        return f"{text}; dt was {dt:.4g} s, and no step is too long for the springs with this scheme: {bounds}"
+        return f"{text}; dt was {dt:.4g} s, and nothing in this scene limits it with this scheme: {bounds}"
     return f"{text}; dt = {dt:.4g} s is within the {stable_dt:.4g} s that were stable before: {bounds}"

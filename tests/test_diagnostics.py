@@ -51,7 +51,7 @@ def test_one_number_that_is_not_finite_is_noticed(simulate, precision, value):
 
 def test_speed_bound_stops_a_scene_without_springs(simulate):
     simulation = simulate(falling_point(gravity=[0.0, -9.81], diagnostics={"max_speed": 5.0}))
-    with pytest.raises(DivergedError, match=r"body 'point', particle 0: .*speed 5 m/s; dt = 0.001 s is within"):
+    with pytest.raises(DivergedError, match=r"body 'point', particle 0: .*speed 5 m/s; dt was 0.001 s, and nothing .*"):
         simulation.advance(2.0)
     assert 0.4 < simulation.time < 5.0 / 9.81 + 0.01
 
