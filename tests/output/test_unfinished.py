@@ -120,17 +120,17 @@ def test_a_stopped_run_is_published_and_goes_on(whole, tmp_path):
 def test_two_interrupts_do_not_wait(whole, tmp_path, monkeypatch):
     from sandbox.simulation import Simulation
 
-    advance = Simulation.advance
+    advance_to = Simulation.advance_to
 
-    def interrupted_within(self, seconds):
-        advance(self, seconds / 2)
+    def interrupted_within(self, time):
+        advance_to(self, (self.time + time) / 2)
         if self.time > 0.2:
             stop()
             stop()
-        advance(self, seconds / 2)
+        advance_to(self, time)
 
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(Simulation, "advance", interrupted_within)
+        patch.setattr(Simulation, "advance_to", interrupted_within)
         begin(tmp_path)
     assert not (tmp_path / "summary.json").exists() and left_over(tmp_path)
 
